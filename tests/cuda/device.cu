@@ -214,6 +214,87 @@ TEST_CASE("thousands of blocks that are born at once are numbered as those that 
     CHECK(worst <= 1e-5);
 }
 
+namespace
+{
+/// An order of cells that says how many blocks it would create around those that hold items.
+struct OrderWithBlocksAround : cuda::CellOrder<float, 3>
+{
+    using cuda::CellOrder<float, 3>::CellOrder;
+    std::uint32_t blocks_around(std::vector<Coordinates<3>> const& cells)
+    {
+        cuda::Array<Coordinates<3>> there(Cuda{});
+        there.resize(cells.size());
+        there.upload(0, cells);
+        insert(there.data(), cells.size(), 0);
+        return cuda::detail::missing_around<3>(queue_, set_, begin_.data(), periods_);
+    }
+};
+} // namespace
+
+TEST_CASE("blocks are created around a block where items can leave it in one step")
+{
+    auto const around = [](std::vector<Coordinates<3>> const& cells) {
+        return OrderWithBlocksAround(Cuda{}).blocks_around(cells);
+    };
+    CHECK(around({{1, 2, 1}}) == 0);
+    CHECK(around({{-4, 2, 1}}) == 1);
+    CHECK(around({{0, 3, 1}}) == 3);
+    CHECK(around({{0, 3, -1}}) == 7);
+    CHECK(around({{0, 1, 1}, {3, 1, 1}}) == 2);
+    CHECK(around({{3, 1, 1}, {4, 1, 1}}) == 0); // of the other's block
+}
+
+TEST_CASE("a scene spreads if blocks are missing step after step, and not if they are in two steps of forty")
+{
+    cuda::detail::RateOfBirths cloud, body;
+    auto const take = [](auto& scene, int steps, auto const& misses_blocks) {
+        for (int i = 0; i < steps; ++i) {
+            if (misses_blocks(i)) {
+                scene.count_births();
+                scene.count_births(); // there was no room for them
+            }
+            scene.count_step();
+        }
+    };
+    take(cloud, 8, [](int) { return true; });
+    CHECK(!cloud.spreads());
+    take(cloud, 2, [](int) { return true; });
+    CHECK(cloud.spreads());
+    take(cloud, 400, [](int i) { return i % 20 == 0; });
+    CHECK(cloud.spreads());
+    take(cloud, 400, [](int i) { return i % 40 < 2; });
+    CHECK(!cloud.spreads());
+    take(body, 1000, [](int i) { return i % 40 < 2; });
+    CHECK(!body.spreads());
+}
+
+TEST_CASE("a cloud that spreads over thousands of blocks flies straight on, and as in single steps",
+          "[many_blocks]")
+{
+    std::vector<Vector<double, 3>> points; // each in a block of its own; none meets another
+    std::vector<Vector<float, 3>> velocities;
+    for (int i = 0; i < 11 * 11 * 11; ++i) {
+        points.push_back(0.8 * Vector<double, 3>(i % 11 - 5, i / 11 % 11 - 5, i / 121 - 5) +
+                         Vector<double, 3>(0.32, 0.13, 0.03));
+        velocities.push_back(15 * points.back().cast<float>());
+    }
+    Jelly queued(lattice(0.1)), single(lattice(0.1));
+    double const dt = 2e-4;
+    int const steps = 120;
+    for (auto* const scene : {&queued, &single}) {
+        scene->add(points, 1e-4);
+        scene->upload<Velocity>(velocities);
+    }
+    queued.steps(steps, dt);
+    for (int i = 0; i < steps; ++i) single.step(dt);
+    auto const here = queued.positions();
+    CHECK((here == single.positions()));
+    double worst = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        worst = std::max(worst, (here[i] - points[i] - steps * dt * velocities[i].cast<double>()).norm());
+    CHECK(worst <= 1e-5);
+}
+
 TEST_CASE("more shared memory than a device has is an error that says how much was needed")
 {
     CHECK_THROWS_WITH(cuda::detail::allow_shared(cuda::Queue{}, cuda::any_loop, 1 << 20),

@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/cuda/array.hpp>
 #include <firn/cuda/changes.hpp>
 #include <firn/cuda/scan.hpp>
 #include <firn/cuda/teams.hpp>
+#include <firn/cuda/tuning.hpp>
+#include <firn/grid/block_key.hpp>
 
+#include <cstddef>
 #include <cstdint>
+#include <vector>
 
 // Where the items of blocks begin in the new order: found by one group of threads for all blocks, or by each
 // group for its own.
@@ -99,6 +104,23 @@ static __global__ void __launch_bounds__(scanning_threads)
     if (b + 1 < begins.blocks) begins.of_block[b + 1] = mine + first;
 }
 
+/// Finds them by loops of their own; `chunks` is memory for what chunks count.
+inline void find_begins_of_all_blocks(Queue const& queue, BlockBegins const& begins, Changes const& changes,
+                                      Array<std::uint64_t>& chunks)
+{
+    unsigned const count = groups_of(begins.blocks, blocks_of_chunk);
+    if (count <= 1) {
+        launch_after("find_all_block_begins", queue, find_all_block_begins, 1, scanning_threads, begins,
+                     changes);
+        return;
+    }
+    chunks.renew(count);
+    launch_after("count_chunks", queue, count_chunks, count, scanning_threads, begins, changes,
+                 chunks.data());
+    launch_after("find_begins_of_chunks", queue, find_begins_of_chunks, count, scanning_threads, begins,
+                 changes, chunks.data());
+}
+
 /// Where a block's items, and its incoming items, begin. With few blocks each group of threads finds it by
 /// itself.
 __device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)
@@ -131,6 +153,22 @@ __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes 
     atomicAdd(&count, live);
     __syncthreads();
     return count;
+}
+
+/// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host. An empty `order` says
+/// that items lie at their slots.
+template <int d, class Visit>
+void for_each_item(std::vector<std::uint64_t> const& keys, std::vector<std::uint32_t> const& begin,
+                   std::vector<std::uint32_t> const& order, Visit const& visit)
+{
+    using Shape = BlockShape<d>;
+    for (std::size_t c = 0; c + 1 < begin.size(); ++c) {
+        Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]),
+                             cell =
+                                 block * int{Shape::extent} + Shape::cell(static_cast<int>(c % Shape::cells));
+        for (std::uint32_t slot = begin[c]; slot < begin[c + 1]; ++slot)
+            visit(order.empty() ? std::size_t{slot} : std::size_t{order[slot]}, cell);
+    }
 }
 
 } // namespace firn::cuda::detail

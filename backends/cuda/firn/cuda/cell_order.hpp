@@ -136,6 +136,7 @@ public:
     {
         if (blocks() == 0) return;
         OnDevice const here(queue_);
+        births_.count_step();
         offset_ = offset;
         rebinned_blocks_ = blocks();
         rearrange(leavers_.view(channels_), static_cast<std::uint32_t>(leavers_.most), left_.data(), offset,
@@ -157,7 +158,12 @@ public:
 
     /// Whether a device works on all blocks at once, because they are few. Then leavers find their new cells
     /// as they leave, and items are rebinned before it is known whether the step succeeded.
-    bool rebins_early() const { return blocks() <= 1024; }
+    bool rebins_early() const { return !has_many_blocks(); }
+    bool has_many_blocks() const { return blocks() > 1024; }
+
+    /// Whether the host creates the blocks around those that were missing, too: in a scene that spreads, and
+    /// has so many blocks that a few more do not change how many teams work on each.
+    bool spreads() const { return births_.spreads() && has_many_blocks(); }
 
     /// The same while one group of threads calls `finish`. What `scatter(cells, arrived)` returns is called
     /// for each block by `teams` teams (see detail::finish_and_rearrange) with so much shared memory. Keeps
@@ -193,6 +199,7 @@ public:
     /// offsets that it wrapped belong to a failed step and are not read again.
     void rollback(int commits, int rebins, std::array<Offset*, d> const& offset)
     {
+        births_.undo_steps(rebins);
         if (rebins % 2 != 0) {
             std::swap(begin_, new_begin_);
             if (kept_order_) std::swap(order_, order_before_);
@@ -250,7 +257,8 @@ public:
         OnDevice const here(queue_);
         return {signal(),       leavers_.view(channels_),
                 destinations(), std::exchange(is_to_find_, false),
-                begins(),       is_small()};
+                begins(),       is_small(),
+                spreads()};
     }
     /// How many groups of threads that loop takes to find new cells.
     unsigned groups_that_find() const
@@ -287,7 +295,7 @@ public:
             return true;
         }
         if (short_.births == 0) return false;
-        add_blocks(short_.births);
+        add_blocks(with_those_around(short_.births));
         is_to_find_ = true;
         return false;
     }
@@ -316,13 +324,7 @@ public:
         begin_.download(0, begin);
         order_.download(0, order);
         set_.download_keys(keys);
-        for (std::size_t c = 0; c + 1 < begin.size(); ++c) {
-            Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]),
-                                 cell =
-                                     block * Shape::extent + Shape::cell(static_cast<int>(c % Shape::cells));
-            for (std::uint32_t slot = begin[c]; slot < begin[c + 1]; ++slot)
-                visit(committed_ ? std::size_t{slot} : std::size_t{order[slot]}, cell);
-        }
+        detail::for_each_item<d>(keys, begin, order, visit);
     }
 
 protected: // for an order that several devices share
@@ -335,20 +337,7 @@ protected: // for an order that several devices share
         return {blocks(), block_begin_.data()};
     }
 
-    void find_block_begins()
-    {
-        unsigned const chunks = groups_of(blocks(), detail::blocks_of_chunk);
-        if (chunks <= 1) {
-            launch_after("find_all_block_begins", queue_, detail::find_all_block_begins, 1,
-                         detail::scanning_threads, begins(), changes());
-            return;
-        }
-        chunks_.renew(chunks);
-        launch_after("count_chunks", queue_, detail::count_chunks, chunks, detail::scanning_threads, begins(),
-                     changes(), chunks_.data());
-        launch_after("find_begins_of_chunks", queue_, detail::find_begins_of_chunks, chunks,
-                     detail::scanning_threads, begins(), changes(), chunks_.data());
-    }
+    void find_block_begins() { detail::find_begins_of_all_blocks(queue_, begins(), changes(), chunks_); }
 
     void stay_all()
     {
@@ -356,6 +345,15 @@ protected: // for an order that several devices share
         if (cells == 0) return;
         launch_after("stay_all", queue_, detail::stay_all, groups_of(cells, 256), 256, begin_.data(), cells,
                      changes());
+    }
+
+    /// Where blocks were missing in a step of a scene that spreads, requests those around, too. Returns how
+    /// many there are in all.
+    std::uint32_t with_those_around(std::uint32_t births)
+    {
+        births_.count_births();
+        if (!spreads()) return births;
+        return detail::missing_around<d>(queue_, set_, begin_.data(), periods_);
     }
 
     /// Numbers the blocks that a loop found missing, or makes room for them; clears the incoming items.
@@ -399,13 +397,7 @@ protected: // for an order that several devices share
     /// Lists the blocks that hold items in `blocks_before_`, in their order. Returns how many there are.
     std::uint32_t list_live_blocks()
     {
-        std::uint32_t const before = blocks();
-        blocks_before_.renew(std::size_t(before) + 1); // one more for their count
-        launch_after("find_live_blocks", queue_, detail::find_live_blocks, 1, detail::scanning_threads,
-                     begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
-        std::uint32_t count = 0;
-        blocks_before_.download(before, {&count, 1});
-        return count;
+        return detail::list_live_blocks(queue_, begin_.data(), blocks(), blocks_before_);
     }
     /// Renumbers the `count` blocks that are listed so, and drops the others.
     void forget_empty_blocks(std::uint32_t count)
@@ -477,7 +469,8 @@ protected: // for an order that several devices share
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
     detail::HostSignal signal_;
-    detail::Stop short_{};         ///< what was reported last
+    detail::Stop short_{}; ///< what was reported last
+    detail::RateOfBirths births_;
     bool crowded_ = false;         ///< many blocks hold no items
     bool is_to_find_ = false;      ///< the leavers have yet to find their new cells
     bool may_have_arrived_ = true; ///< the counts of incoming items may not all be zero

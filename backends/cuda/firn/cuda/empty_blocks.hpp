@@ -2,19 +2,90 @@
 #pragma once
 
 #include <firn/core/host_device.hpp>
+#include <firn/cuda/block_set.hpp>
 #include <firn/cuda/scan.hpp>
+#include <firn/cuda/tuning.hpp>
+#include <firn/grid/block_key.hpp>
+#include <firn/grid/periods.hpp>
 
 #include <cstdint>
+#include <utility>
 
-// Blocks that have lost all of their items: how many may stay, and how the others are dropped.
+// Blocks that hold no items: how many may stay, how the others are dropped, and which are created early.
 namespace firn::cuda::detail
 {
 
 /// How many blocks may be empty beside `live` occupied ones. With many blocks memory matters; in a `small`
-/// scene (see CellOrder::is_small) the host should seldom be needed.
-FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
+/// scene (see CellOrder::is_small) and in one that `spreads` (see RateOfBirths) the host should seldom be
+/// needed.
+FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small, bool spreads = false)
 {
-    return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
+    return small ? 32 + 2 * live : spreads ? 8 + live / 2 : live <= 4096 ? 8 + live / 8 : live / 32;
+}
+
+/// Whether a scene spreads: blocks are missing in so many steps, one after another, that the host is needed
+/// all the time. A body that flies needs blocks in one or two steps of forty.
+class RateOfBirths
+{
+public:
+    void count_step() { ++steps_; }
+    void undo_steps(int count) { steps_ -= count; }
+    /// Called for a step in which blocks were missing.
+    void count_births()
+    {
+        if (std::exchange(last_, steps_) == steps_) return; // again, since there was no room for them
+        // a scene that was found to spread has fewer of them, and is asked again after many steps
+        if (steps_ - since_ > (spreads_ ? 512 : 32)) {
+            spreads_ = false;
+            since_ = steps_;
+            with_births_ = 0;
+        }
+        if (!spreads_ && ++with_births_ > 8) {
+            spreads_ = true;
+            since_ = steps_;
+        }
+    }
+    bool spreads() const { return spreads_; }
+
+private:
+    std::int64_t steps_ = 0, since_ = 0, last_ = -1;
+    int with_births_ = 0;
+    bool spreads_ = false;
+};
+
+/// Requests the missing blocks around each block that items reach as soon as they leave one of its outer
+/// cells. An item elsewhere crosses a cell first, for which it takes ten steps or more in most scenes.
+template <int d>
+__global__ void __launch_bounds__(64)
+    want_around(std::uint64_t const* keys, std::uint32_t const* begin, BlockSet::View set, Periods<d> periods)
+{
+    constexpr int ways = d == 3 ? 27 : 9; // three digits of base 3, as of Leavers::way
+    using Shape = BlockShape<d>;
+    __shared__ bool holds[Shape::cells];
+    std::uint32_t const c = blockIdx.x * Shape::cells + threadIdx.x;
+    holds[threadIdx.x] = begin[c + 1] > begin[c];
+    __syncthreads();
+    if (threadIdx.x >= ways) return;
+    Coordinates<d> way;
+    for (int a = d - 1, rest = static_cast<int>(threadIdx.x); a >= 0; --a, rest /= 3) way[a] = rest % 3 - 1;
+    bool is_reached = false;
+    for (int place = 0; place < Shape::cells; ++place) {
+        Coordinates<d> const next = Shape::cell(place) + way;
+        bool leads_there = holds[place];
+        for (int a = 0; a < d; ++a) leads_there = leads_there && next[a] >> Shape::bits == way[a];
+        is_reached = is_reached || leads_there;
+    }
+    if (is_reached) set.want(block_key<d>(periods.wrapped(block_of_key<d>(keys[blockIdx.x]) + way)));
+}
+
+/// The same, and returns how many blocks are missing then, with those that were requested before.
+template <int d>
+std::uint32_t missing_around(Queue const& queue, BlockSet& set, std::uint32_t const* begin,
+                             Periods<d> const& periods)
+{
+    launch_after("want_around", queue, want_around<d>, set.size(), 64, set.keys(), begin, set.view(),
+                 periods);
+    return set.births();
 }
 
 /// Counts the blocks that hold items.
@@ -42,6 +113,18 @@ static __global__ void __launch_bounds__(scanning_threads)
         before += static_cast<std::uint32_t>(total);
     }
     if (threadIdx.x == 0) *live_count = before;
+}
+
+/// Lists them at `to`. Returns how many there are.
+inline std::uint32_t list_live_blocks(Queue const& queue, std::uint32_t const* begin, std::uint32_t blocks,
+                                      Array<std::uint32_t>& to)
+{
+    to.renew(std::size_t(blocks) + 1); // one more for their count
+    launch_after("find_live_blocks", queue, find_live_blocks, 1, scanning_threads, begin, blocks, to.data(),
+                 to.data() + blocks);
+    std::uint32_t count = 0;
+    to.download(blocks, {&count, 1});
+    return count;
 }
 
 /// Copies the cells of the blocks that stay to their new places.

@@ -89,7 +89,7 @@ struct MovedOrder
     Destinations<d> to;
     bool is_to_find;    ///< the loop that moved the leavers did not find their new cells
     BlockBegins begins; ///< no blocks: there are no items
-    bool small;
+    bool small, spreads;
 
     /// What there was no room for: what the host is told if steps stop.
     __device__ Stop lacking() const
@@ -104,7 +104,7 @@ struct MovedOrder
     /// Never where no block holds items: the blocks are then kept for items that may come.
     __device__ bool is_crowded(std::uint32_t live) const
     {
-        return live > 0 && begins.blocks > live + most_empty_blocks(live, small);
+        return live > 0 && begins.blocks > live + most_empty_blocks(live, small, spreads);
     }
 };
 

@@ -148,7 +148,7 @@ public:
         std::size_t const words = SearchOfRanks::words(communicator_.size());
         while (births_ > 0) {
             std::size_t const before = this->blocks();
-            std::uint32_t const births = births_of_all_ranks(searched_.births);
+            std::uint32_t const births = births_of_all_ranks(this->with_those_around(searched_.births));
             if (this->set_.has_room_for(births))
                 this->reserve_blocks(static_cast<std::uint32_t>(before) + births);
             this->add_blocks(births);
@@ -304,8 +304,9 @@ protected:
     /// Whether there are too many empty blocks beside so many live ones, as one device would find.
     bool are_crowded(std::size_t live) const
     {
-        return live > 0 && this->blocks() > live + cuda::detail::most_empty_blocks(
-                                                       static_cast<std::uint32_t>(live), is_small());
+        return live > 0 &&
+               this->blocks() > live + cuda::detail::most_empty_blocks(static_cast<std::uint32_t>(live),
+                                                                       is_small(), this->spreads());
     }
     /// The same of what is known before strays have arrived: each of them may have come into an empty block.
     bool may_be_crowded() const
