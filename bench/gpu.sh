@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: MIT
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
-# processor included), runs compute-sanitizer on a step of every kind, and times steps; in nine minutes or more with
-# 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in nine minutes with 16 cores,
+# most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--all] [--large] [--materials] [--errors] [--record ID]
 #
 #   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
-#   --all             the scenes of implicit steps and of several ranks too: minutes of nvcc more
+#   --all             the scenes of implicit steps and of several ranks, and what proves physics by loops which others
+#                     run, too: minutes of nvcc more (tests/notes/2026-11-28-what-all-adds.md)
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
 #   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
 #   --errors          and what an error costs: speed_against_error.csv of the short grid, five minutes more
@@ -23,7 +24,7 @@ while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
-        --all) all="cuda_implicit cuda_over_ranks" ;;
+        --all) all="cuda_proofs cuda_implicit cuda_over_ranks" ;;
         --large) without=random/64000000 ;;
         --materials) materials=benchmarks_cuda_materials ;;
         --errors) errors=speed_against_error_cuda ;;
@@ -46,12 +47,13 @@ record() { # [FILE]: appends its results, if --record is given; without FILE onl
 }
 record
 
-cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
+cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON -DFIRN_TESTS_ALL="$([ -n "$all" ] && echo ON || echo OFF)" ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
 rm -f "$tests/cuda_every_loop" "$tests/hard_cases.csv"
 failed="" build=""
-leave() { # no background job outlives the script
+leave() { # no background job outlives the script; how long nvcc took for each unit lies beside the logs
     local status=$?
+    cp "$root/build/cuda/.ninja_log" "$out/ninja_log" 2>/dev/null || true
     [ -z "$build" ] || kill "$build" 2>/dev/null || true
     wait
     [ -z "$failed" ] || { echo "stop: a test failed: see above." >&2; status=1; }
@@ -65,10 +67,12 @@ nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $
     >"$out/build.log" 2>&1 &
 build=$!
 built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
+    [ ! -x "$tests/$1" ] || return 0
     until [ -x "$tests/$1" ]; do
         kill -0 "$build" 2>/dev/null || [ -x "$tests/$1" ] || not_built
         sleep 1
     done
+    echo "$1: built at $SECONDS s"
 }
 part() { # NAME COMMAND...: one line of what it found, or its last lines
     local name=$1 summary since=$SECONDS
@@ -108,6 +112,7 @@ done
 for shard in "${shards[@]}"; do wait "$shard" || failed=yes; done
 wait "$build" || { build=""; not_built; }
 build=""
+echo "all is built and run at $SECONDS s"
 part memory ./cuda_device '[memory]' || failed=yes # by itself: it fills the device's
 part hard_cases bash "$root/tests/limits/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes

@@ -51,5 +51,6 @@ fi
 
 cmake --preset $preset -DFIRN_TESTS_ALL=$all
 cmake --build --preset $preset
+[ $preset$all != cudaON ] || cmake --build --preset cuda --target cuda_proofs cuda_implicit cuda_over_ranks
 ctest --preset $preset --parallel "$(nproc)" "$@"
 [ $full = no ] || full_tests build/$preset/tests

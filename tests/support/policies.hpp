@@ -68,8 +68,7 @@ struct Scene
 };
 
 /// In a list of combinations: those that prove little beyond the others of the list and the pairs of policies
-/// (physics/pairs_*.cpp), and take minutes to compile. A device has them all, a processor with
-/// FIRN_TESTS_ALL.
+/// (physics/pairs_*.cpp), and take minutes to compile: FIRN_TESTS_ALL has them.
 template <class... Scenes>
 struct More
 {};
@@ -96,7 +95,7 @@ struct Listed<MoreThanReference<Scenes...>>
 template <class... Scenes>
 struct Listed<More<Scenes...>>
 {
-#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
+#if defined(FIRN_TESTS_ALL)
     using Type = std::tuple<Scenes...>;
 #else
     using Type = std::tuple<>;

@@ -158,7 +158,7 @@ public:
 
     /// Whether a device works on all blocks at once, because they are few. Then leavers find their new cells
     /// as they leave, and items are rebinned before it is known whether the step succeeded.
-    bool rebins_early() const { return !has_many_blocks(); }
+    bool rebins_early() const { return !compiled_soon && !has_many_blocks(); }
     bool has_many_blocks() const { return blocks() > 1024; }
 
     /// Whether the host creates the blocks around those that were missing, too: in a scene that spreads, and

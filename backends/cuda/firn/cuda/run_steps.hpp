@@ -32,8 +32,11 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
         cells.expect_outgoing(Items::channels - Phase::d); // an offset is stored with its item
     unsigned const teams = Items::teams(layer.blocks());
     auto const results = layer.item_results().template expect<Result>(layer.blocks());
-    auto* const loop =
-        teams == 1 ? move<1, Order, LayerType, Phase> : move<Items::most_teams, Order, LayerType, Phase>;
+    auto* const loop = [&] {
+        if constexpr (!compiled_soon)
+            if (teams == 1) return move<1, Order, LayerType, Phase>;
+        return move<Items::most_teams, Order, LayerType, Phase>;
+    }();
     constexpr std::size_t declared = declared_by_move<LayerType, Phase>; // grows with the obstacles
     static_assert(declared <= given_shared,
                   "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
@@ -56,8 +59,11 @@ void start_scattering_leavers(Order const& cells, GridType& grid)
     using Tiles = SharedTiles<GridType>;
     // as many as rebin() has where it scatters early, since sums are added up team by team
     unsigned const teams = Tiles::teams_that_rebin(cells.rebinned_blocks());
-    auto* const loop = teams == 1 ? scatter_leavers<1, Order, GridType, Phase>
-                                  : scatter_leavers<most_teams_that_rebin, Order, GridType, Phase>;
+    auto* const loop = [&] {
+        if constexpr (!compiled_soon)
+            if (teams == 1) return scatter_leavers<1, Order, GridType, Phase>;
+        return scatter_leavers<most_teams_that_rebin, Order, GridType, Phase>;
+    }();
     launch("scatter_leavers", cells.queue(), loop, std::min(grid.blocks(), 4096u), teams * block_threads,
            Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
 }
@@ -168,16 +174,18 @@ private:
                 detail::start_scattering_leavers<Phase>(cells, layer);
                 return;
             }
-            using GridType = std::remove_reference_t<decltype(layer)>;
-            using Tiles = detail::SharedTiles<GridType>;
-            unsigned const teams = Tiles::teams_that_rebin(cells.blocks());
-            cells.rebin_early(
-                offsets, finish,
-                [&](auto const& view, auto const& arrived) {
-                    return detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
-                                                                           layer.view()};
-                },
-                teams, Tiles::bytes(false, true, teams));
+            if constexpr (!compiled_soon) {
+                using GridType = std::remove_reference_t<decltype(layer)>;
+                using Tiles = detail::SharedTiles<GridType>;
+                unsigned const teams = Tiles::teams_that_rebin(cells.blocks());
+                cells.rebin_early(
+                    offsets, finish,
+                    [&](auto const& view, auto const& arrived) {
+                        return detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
+                                                                               layer.view()};
+                    },
+                    teams, Tiles::bytes(false, true, teams));
+            }
         });
     }
 

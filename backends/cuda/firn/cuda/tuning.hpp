@@ -9,6 +9,15 @@
 namespace firn::cuda
 {
 
+/// Where FIRN_COMPILE_SOON is defined, in all units of a program, half of the loops of steps are compiled:
+/// one for any number of teams, and none that ends a step while it rebins items. Results have the same bits,
+/// and small scenes take longer.
+#if defined(FIRN_COMPILE_SOON) && !defined(FIRN_ON_PROCESSOR)
+inline constexpr bool compiled_soon = true;
+#else
+inline constexpr bool compiled_soon = false;
+#endif
+
 /// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp that
 /// scatters works on one of its two groups of 32 cells, lane l on the l-th.
 template <int d>
