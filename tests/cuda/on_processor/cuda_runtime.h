@@ -509,6 +509,11 @@ T __ldcg(T const* from)
 {
     return *from;
 }
+template <class T>
+T __ldg(T const* from)
+{
+    return *from;
+}
 inline void __threadfence() {}
 
 // Fibers yield at a barrier only.

@@ -53,12 +53,12 @@ public:
     __device__ void set_scratch(int channel, Number value) { scratch_[channel] = value; }
     __device__ Number scratch(int channel) const { return scratch_[channel]; }
 
-    __device__ Number load(Number const* array) const { return array[source_]; }
+    __device__ Number load(Number const* array) const { return read(array); }
     __device__ void store(Number* array, Number value) const { array[slot_] = value; }
     __device__ Number load_stored(Number const* array) const { return array[slot_]; }
     __device__ void store_at(Number* array, std::uint32_t const* index, Number value) const
     {
-        array[index[source_]] = value;
+        array[read(index)] = value;
     }
     template <class T>
     __device__ void expect_load(T const*) const
@@ -69,13 +69,13 @@ public:
 
     __device__ Number load_offset(Offset const* array, int) const
     {
-        return CellOffset<Number>::value(array[source_]);
+        return CellOffset<Number>::value(read(array));
     }
 
     /// Moves the offset along the next axis and notes the neighbour it leads to.
     __device__ bool move_offset(Offset const* from, Offset* to, int, Number displacement, Number& value) const
     {
-        Offset stored = CellOffset<Number>::moved(from[source_], displacement);
+        Offset stored = CellOffset<Number>::moved(read(from), displacement);
         to[slot_] = stored;
         value = CellOffset<Number>::value(stored);
         int const cells = CellOffset<Number>::wrap(stored);
@@ -86,7 +86,7 @@ public:
     template <class T>
     __device__ void copy(T const* from, T* to) const
     {
-        to[slot_] = from[source_];
+        to[slot_] = read(from);
     }
     template <class Ask>
     __device__ Number map(Ask const& ask) const
@@ -135,6 +135,17 @@ public:
     }
 
 private:
+    /// What a table has of the item. A loop that moves items only reads from the table before, so that loads
+    /// need not wait for stores.
+    template <class T>
+    __device__ T read(T const* array) const
+    {
+        if constexpr (Phase::work.moves)
+            return __ldg(array + source_);
+        else
+            return array[source_];
+    }
+
     Coordinates<d> cell_;
     typename GridType::Values const *read_, *reference_;
     std::uint32_t source_ = 0, slot_ = 0;
