@@ -8,7 +8,6 @@
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/effects/shapes/union.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <type_traits>
 #include <utility>
@@ -69,5 +68,41 @@ TEST_CASE("what a solid of any kind receives at its surface is what the material
         CHECK(pushed > 0.05 * scale);
         CHECK((before.momentum - after.momentum - received).norm() < 1e-10 * scale);
         CHECK(std::abs(before.angular_momentum - after.angular_momentum - angular) < 1e-9 * scale);
+    }
+}
+
+using Cases = Combinations<
+    Scene<NeoHookean<Plane>, Linear, Apic>, Scene<NeoHookean<Plane>, CubicBSpline, Tpic>,
+    More<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>, Scene<NeoHookean<Plane>, Linear, Flip>,
+         Scene<NeoHookean<Plane>, QuadraticBSpline, Asflip>, Scene<NeoHookean<Plane>, CubicBSpline, Xpic>>>;
+
+TEMPLATE_LIST_TEST_CASE("contact of any kind at the surface keeps momentum with every kernel and transfer",
+                        "[physics][surface]", Cases)
+{
+    double const h = 0.05;
+    int kind = 0;
+    for (auto const& contact :
+         {Contact::slip(), Contact::bound_slip(), Contact::coulomb(0.4), Contact::sticky()}) {
+        CAPTURE(kind++);
+        typename TestType::Solver block(lattice(h));
+        block.add(box_of_points<2>({0.02, 0.03}, {0.32, 0.23}, h), h * h / 4, {1, -2});
+        Obstacles<AnyShape<>, ActsOn::surface> around;
+        around.list.push_back(
+            {.shape = HalfSpace{Eigen::Vector3d(0.1, 1, 0).normalized()}, .contact = contact});
+        around.list.push_back({.shape = Sphere{0.1},
+                               .contact = contact,
+                               .motion = {.position = {0.4, 0.1, 0}, .angular_velocity = {0, 0, 8}}});
+        Totals const before(block);
+        Eigen::Vector2d left = before.momentum;
+        double pushed[2]{};
+        for (auto const& report : block.steps(100, 2e-4, around))
+            for (std::size_t i = 0; i < 2; ++i) {
+                left -= report.reactions[i].impulse.template head<2>();
+                pushed[i] += report.reactions[i].impulse.norm();
+            }
+        double const scale = before.momentum.norm();
+        CHECK(pushed[0] > 0.05 * scale);
+        CHECK(pushed[1] > 0.05 * scale);
+        CHECK((Totals(block).momentum - left).norm() < 1e-12 * scale);
     }
 }

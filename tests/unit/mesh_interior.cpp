@@ -6,6 +6,7 @@
 #include "support/refused.hpp"
 #include "support/threads.hpp"
 
+#include <firn/effects/obstacles.hpp>
 #include <firn/io/read_mesh.hpp>
 #include <firn/sampling/deforming_mesh.hpp>
 #include <firn/sampling/distance_from_mesh.hpp>
@@ -443,3 +444,27 @@ TEST_CASE("nothing gets into or through obstacles that are made of meshes, movin
 }
 
 TEST_CASE("nor do 1e5 particles in 2 000 steps", "[.full]") { check_leaks(100000, 2000); }
+
+TEST_CASE("a mesh of a ball acts at its surface as a ball, and keeps momentum")
+{
+    using namespace firn::test;
+    double const h = 0.05, radius = 0.2;
+    auto const mesh = firn::distance_from_mesh<double>(MeshInterior(meshes::sphere(radius, 32)), h / 2, 3 * h,
+                                                       TwoThreads{});
+    auto const pushed_by = [&](auto const& shape) {
+        firn::Solver<firn::OpenMP, firn::NeoHookean<Solid>> block(firn::lattice(h));
+        block.add(box_of_points<3>({-0.15, 0.2, -0.15}, {0.15, 0.4, 0.15}, h), h * h * h / 8, {0.5, -2, 0});
+        firn::Obstacles<std::decay_t<decltype(shape)>, firn::ActsOn::surface> ball;
+        ball.list.push_back({.shape = shape,
+                             .contact = firn::Contact::coulomb(0.3),
+                             .motion = {.velocity = {0, 0.2, 0}, .angular_velocity = {1, 2, 3}}});
+        Vector3d const before = Totals(block).momentum;
+        Vector3d received = Vector3d::Zero();
+        for (auto const& report : block.steps(100, 3e-4, ball)) received += report.reactions[0].impulse;
+        CHECK((before - Totals(block).momentum - received).norm() < 1e-12 * before.norm());
+        CHECK(received.norm() > 0.2 * before.norm());
+        return received;
+    };
+    Vector3d const by_ball = pushed_by(firn::Sphere{radius}), by_mesh = pushed_by(mesh);
+    CHECK((by_mesh - by_ball).norm() < 0.03 * by_ball.norm());
+}
