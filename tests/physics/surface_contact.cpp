@@ -139,6 +139,50 @@ TEST_CASE("a block slides down a plane by Coulomb's law, whatever its angle to t
             slides(0.02, degrees, mu, 0.01 * g * std::sin(slope), 1e-3);
 }
 
+TEST_CASE("a block of two materials, one on the other, slides down a plane by Coulomb's law",
+          "[physics][surface]")
+{
+    using Layers = Materials<NeoHookean<Plane>, FixedCorotated<Plane>>;
+    double const slope = M_PI / 6, h = 0.04;
+    NeoHookean<Plane> light;
+    light.elasticity = lame<double>(1e6, 0.3);
+    FixedCorotated<Plane> heavy;
+    heavy.elasticity = lame<double>(2e6, 0.3);
+    heavy.density = 2 * light.density;
+    for (double const degrees : {0.0, 17.0})
+        for (double const mu : {0.0, 0.3, 0.5}) {
+            CAPTURE(degrees, mu);
+            Frame const plane{-degrees * M_PI / 180, {0.004, 0.007}};
+            Scene<Layers, QuadraticBSpline, Pic>::Solver block(lattice(h), Layers{light, heavy});
+            auto const placed = [&](double low, double high) {
+                auto points = box_of_points<2>({0, low}, {0.4, high}, h);
+                for (auto& x : points) x = plane.place(x);
+                return points;
+            };
+            block.add<Material<0>>(placed(0, 0.12), h * h / 4);
+            block.add<Material<1>>(placed(0.12, 0.2), h * h / 4);
+            AtSurface floor;
+            floor.list.push_back({.shape = HalfSpace{in_space(plane.direction({0, 1}))},
+                                  .contact = Contact::coulomb(mu),
+                                  .motion = {.position = in_space(plane.origin)}});
+            Eigen::Vector3d const pull =
+                in_space(plane.direction(g * Eigen::Vector2d(std::sin(slope), -std::cos(slope))));
+            int const ramp = 20; // the load comes on smoothly
+            for (int i = 1; i <= ramp; ++i) block.advance(0.1 / ramp, Gravity{pull * i / ramp}, floor);
+            block.advance(0.4, Gravity{pull}, floor);
+            Totals const before(block);
+            double const duration = 0.3, expected = g * (std::sin(slope) - mu * std::cos(slope));
+            auto const report = block.advance(duration, Gravity{pull}, floor);
+            Totals const after(block);
+            Eigen::Vector2d const gained = after.momentum - before.momentum;
+            double const gain = plane.direction({1, 0}).dot(gained) / after.mass;
+            CHECK(std::abs(gain / duration - expected) <= 0.01 * expected);
+            Eigen::Vector2d const impulse = report.reactions[0].impulse.head<2>();
+            CHECK((gained + impulse - after.mass * duration * pull.head<2>()).norm() <
+                  1e-4 * after.mass * duration * g);
+        }
+}
+
 TEST_CASE("boards that stand side by side hold water", "[physics][surface]")
 {
     double const h = 0.02;
@@ -341,6 +385,19 @@ TEST_CASE("contact at the surface lets go, sticks and carries along", "[physics]
         auto const report = block.advance(duration, up, plane);
         CHECK(std::abs(report.reactions[0].impulse.y() / (Totals(block).mass * g * duration) - 1) < 0.02);
     }
+    SECTION("bound to it, it hangs and slides on")
+    {
+        plane.list[0].contact = Contact::bound_slip();
+        auto block = block_with({1, 0});
+        Gravity const up{{0, g, 0}};
+        block.advance(0.2, up, plane);
+        double const duration = 0.4;
+        auto const report = block.advance(duration, up, plane);
+        CHECK(std::abs(report.reactions[0].impulse.y() / (Totals(block).mass * g * duration) - 1) < 0.02);
+        CHECK(std::abs(Totals(block).momentum.x() / Totals(block).mass - 1) < 1e-10);
+        for (auto const& x : block.positions()) // it has not moved away
+            if (x.y() > 0.23) FAIL("a particle is at " << x.y());
+    }
     SECTION("a moving surface drags by its friction")
     {
         double const mu = 0.2;
@@ -355,6 +412,32 @@ TEST_CASE("contact at the surface lets go, sticks and carries along", "[physics]
         block.advance(0.4, Gravity{}, plane);
         CHECK(std::abs(velocity() - 1) < 1e-3); // and then it goes along
     }
+}
+
+TEST_CASE("a block comes to rest on a slanted plane with the tent kernel, too", "[physics][surface]")
+{
+    double const h = 0.05;
+    Frame const plane{0.3, {0.013, 0.021}};
+    Scene<NeoHookean<Plane>, Linear, Pic>::Solver block(lattice(h));
+    auto points = box_of_points<2>({0, 0}, {0.3, 0.3}, h);
+    for (auto& x : points) x = plane.place(x);
+    block.add(points, h * h / 4);
+    AtSurface floor;
+    floor.list.push_back({.shape = HalfSpace{in_space(plane.direction({0, 1}))},
+                          .motion = {.position = in_space(plane.origin)}});
+    Gravity const pull{in_space(plane.direction({0, -g}))};
+    block.advance(0.3, pull, floor);
+    Totals const before(block);
+    auto const report = block.advance(0.3, pull, floor);
+    Totals const after(block);
+    Eigen::Vector2d const received = report.reactions[0].impulse.head<2>(),
+                          weight = before.mass * report.time_of_forces * pull.acceleration.head<2>();
+    CHECK((after.momentum - before.momentum + received - weight).norm() < 1e-10 * weight.norm());
+    CHECK((received - weight).norm() < 0.03 * weight.norm());
+    double lowest = 1;
+    for (auto const& x : block.positions()) lowest = std::min(lowest, plane.own(x).y() / h);
+    CHECK(lowest > 0.15); // it began at a quarter
+    CHECK(lowest < 0.35);
 }
 
 using Cases = Combinations<Block, More<Scene<NeoHookean<SolidFloat>, CubicBSpline, Flip>,
