@@ -62,7 +62,7 @@ leave() { # no background job outlives the script; how long nvcc took for each u
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_device cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_models cuda_physics $all"
+programs="cuda_device cuda_agreement cuda_devices cuda_hard_cases cuda_scenes cuda_models cuda_fault cuda_physics $all"
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
 build=$!
@@ -97,7 +97,7 @@ done
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
 for program in $programs; do
     built $program
-    if [ $program = cuda_fault ]; then # it runs alone
+    if [ $program = cuda_fault ]; then # it runs alone: once the sanitizers are through
         for sanitizer in "${beside[@]}"; do wait "$sanitizer" || failed=yes; done
     fi
     [ $program != cuda_physics ] || continue
