@@ -36,7 +36,6 @@ struct SurfacePoint
     bool separates, sticks; ///< of the obstacle's Contact
     bool is_two_sided;      ///< of a thin shell: it pushes either way, and never lets go
     bool is_plain;          ///< whether none of its nodes is light: it has all of its weight for them
-    bool is_listed;         ///< whether their lists say so
     bool is_whole;          ///< whether the grid had all of them when they were found
     Number friction;
 

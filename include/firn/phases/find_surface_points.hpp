@@ -192,7 +192,7 @@ private:
         point.candidate = candidate;
         point.behind = behind;
         point.is_deep = is_deep;
-        point.is_plain = point.is_listed = false;
+        point.is_plain = false;
         point.is_whole = true;
         Contact contact = obstacle.contact;
         if (is_deep && !contact.sticks) // nothing slides there

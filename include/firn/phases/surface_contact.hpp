@@ -76,7 +76,7 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
     {
         auto const& surface = this->of;
         SurfacePoint<Number, d>& point = surface.points[p];
-        if (is_first && !point.is_listed) begin(p, point);
+        if (is_first && surface.to_list[p] != 0) begin(p, point);
         // the velocity, and a bound on the speed [m/s] that an impulse of 1 gives if the points around get
         // one, too
         VectorAndNumber<Number, d> of_column[std::size_t(Cell::width)]{}; // which do not wait for one another

@@ -257,8 +257,8 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         point.per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
         bool const was_plain = point.is_plain;
         point.is_plain = least * point.per_light >= 1;
-        point.is_listed = !have_changed && !may_move && was_plain && point.is_plain;
-        surface.to_list[p] = point.is_listed ? 0 : 1;
+        bool const is_listed = !have_changed && !may_move && was_plain && point.is_plain;
+        surface.to_list[p] = is_listed ? 0 : 1;
     }
 
 private:

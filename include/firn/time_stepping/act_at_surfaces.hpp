@@ -143,19 +143,41 @@ bool begin_known_nodes(StepMemory<Backend, Sets, Transfer> const& memory,
     return true;
 }
 
-/// Finds the impulses at the points that were found before, and the velocities that nodes get from them.
-/// `before` is the step before in the batch, if there is one. `by_index` are the nodes, `node_count` of them,
-/// whose indices have this numbering; `have_begun`: see begin_known_nodes(). `share(most)` is called when it
-/// is known which nodes points reach, at most so many, and before it is asked what these have.
+/// A step that has points of surfaces.
+template <class Number, class Actions>
+struct StepWithPoints
+{
+    StepContext<Number, Actions> const* now;
+    StepContext<Number, Actions> const* before; ///< the step before in the batch; null in the first one
+    std::uint32_t points;                       ///< that have been found
+};
+
+/// The nodes that points of surfaces may reach.
+template <class Nodes>
+struct NodesInReach
+{
+    Nodes by_index;
+    std::size_t count;
+    std::uint64_t numbering; ///< of their indices
+    bool have_begun = false; ///< see begin_known_nodes()
+};
+template <class Nodes>
+NodesInReach(Nodes, std::size_t, std::uint64_t) -> NodesInReach<Nodes>;
+template <class Nodes>
+NodesInReach(Nodes, std::size_t, std::uint64_t, bool) -> NodesInReach<Nodes>;
+
+/// Finds the impulses at the points of a step, and the velocities that nodes get from them. `share(most)` is
+/// called when it is known which nodes points reach, at most so many, and before it is asked what these have.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Nodes, class Share>
 void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                    StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                   StepContext<typename Sets::Space::Scalar, Actions> const* now,
-                   StepContext<typename Sets::Space::Scalar, Actions> const* before, std::uint32_t points,
-                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering, bool have_begun,
-                   Share const& share)
+                   StepWithPoints<typename Sets::Space::Scalar, Actions> const& step,
+                   NodesInReach<Nodes> const& in_reach, Share const& share)
 {
     using Number = typename Sets::Space::Scalar;
+    auto const* const before = step.before;
+    std::uint32_t const points = step.points;
+    auto const& by_index = in_reach.by_index;
     constexpr int d = Sets::Space::dimension;
     using Values = NodeValues<d, ValuesOf<Transfer>>;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
@@ -165,7 +187,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     int const sweeps = surface.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
     auto const length = static_cast<Number>(scene.time_state.now.interval.length()),
                cell_size = static_cast<Number>(memory.lattice.cell_size);
-    Lengths<Number> const lengths{before == nullptr ? nullptr : &now->dt,
+    Lengths<Number> const lengths{before == nullptr ? nullptr : &step.now->dt,
                                   before == nullptr ? nullptr : &before->dt, length / surface.dt_before()};
     auto const run = [&](std::size_t count, auto const& body) { loop_in_step(memory, scene, count, body); };
     // a device has as many parts of a loop at once as it can have
@@ -174,13 +196,13 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     constexpr auto nodes_of_each = std::size_t(Loop::nodes_of_each);
     // those without nodes are new, and where the grid has other nodes all may miss one that is there now
     std::size_t const first_without = surface.have_nodes() ? surface.first_new() : 0,
-                      first = surface.have_indices(numbering) ? first_without : 0,
-                      most_new = std::min(node_count, (points - first) * nodes_of_each);
+                      first = surface.have_indices(in_reach.numbering) ? first_without : 0,
+                      most_new = std::min(in_reach.count, (points - first) * nodes_of_each);
     bool const may_change = points > first;
     if (may_change) {
         if (first == 0) run(surface.reached_before(), ForgetIndices<Number, d>{surface.view()});
         if (first_without == 0) surface.forget_nodes();
-        surface.make_room(points, nodes_of_each, most_new, node_count, numbering);
+        surface.make_room(points, nodes_of_each, most_new, in_reach.count, in_reach.numbering);
     }
     Loop const loop{surface.view()};
     Rows const rows{loop, points};
@@ -194,7 +216,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     std::size_t const nodes =
         before == nullptr ? surface.most_reached(may_change ? most_new : 0) : surface.reached_at_most();
     share(nodes);
-    if (may_change || !have_begun)
+    if (may_change || !in_reach.have_begun)
         run(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass, Sums::mass,
                                                 Values::velocity, may_change});
     run(points, BeginPoints<Kernel, Number, d>{loop, lengths, surface.first_new(), first_without, may_move,
@@ -211,7 +233,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
         gather.is_last = i == sweeps;
         sweep.ahead = gather.is_last ? Number(0) : static_cast<Number>((weight - 1) / next);
         if (gather.is_last && detail::is_first_rank(backend)) // all ranks have all impulses
-            run(points, SweepAndBook<Kernel, Number, d, StepContext<Number, Actions>>{sweep, {now}});
+            run(points, SweepAndBook<Kernel, Number, d, StepContext<Number, Actions>>{sweep, {step.now}});
         else
             run(points, sweep);
         run(nodes, gather);
@@ -239,23 +261,26 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
                                        velocity = Values::velocity;
         [[maybe_unused]] auto const& backend = memory.backend;
         [[maybe_unused]] auto const share_nothing = [](std::size_t) {};
+        StepWithPoints<typename Sets::Space::Scalar, Actions> const step{now, before, points};
         if constexpr (spans_devices<Backend>) {
             auto& nodes = surface.nodes_of_ranks;
-            find_impulses(memory, scene, now, before, points, nodes.nodes(grid), grid.node_count(),
-                          grid.numbering(), false, [&](std::size_t most) {
-                              nodes.share(backend, grid, surface.view(), most, mass, velocity);
-                          });
+            find_impulses(
+                memory, scene, step, NodesInReach{nodes.nodes(grid), grid.node_count(), grid.numbering()},
+                [&](std::size_t most) { nodes.share(backend, grid, surface.view(), most, mass, velocity); });
         }
         else if constexpr (spans_ranks<Backend>) {
             auto& nodes = detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points,
                                                                  memory.lattice, mass, velocity);
-            find_impulses(memory, scene, now, before, points, nodes.list.nodes(velocity), nodes.list.size(),
-                          nodes.list.numbering(), false, share_nothing);
+            find_impulses(memory, scene, step,
+                          NodesInReach{nodes.list.nodes(velocity), nodes.list.size(), nodes.list.numbering()},
+                          share_nothing);
             nodes.return_values(backend, grid, velocity, d, scene.smallest_node_mass);
         }
         else
-            find_impulses(memory, scene, now, before, points, grid.nodes_by_index(), grid.node_count(),
-                          grid.numbering(), have_begun, share_nothing);
+            find_impulses(
+                memory, scene, step,
+                NodesInReach{grid.nodes_by_index(), grid.node_count(), grid.numbering(), have_begun},
+                share_nothing);
     }
     surface.end_step(points);
 }
