@@ -132,8 +132,10 @@ struct Cuda
                        std::uint32_t* stopped) const
     {
         cuda::OnDevice const here(device);
-        cuda::detail::launch("stop_steps_if", queue(), cuda::detail::stop_steps_if, 1u, 1u, 0,
-                             cells[0]->signal(), numbers, count, stopped);
+        std::array<cuda::detail::Signal, orders> signals;
+        for (std::size_t k = 0; k < orders; ++k) signals[k] = cells[k]->signal();
+        cuda::detail::launch("stop_steps_if", queue(), cuda::detail::stop_steps_if<orders>, 1u, 1u, 0,
+                             signals, numbers, count, stopped);
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.

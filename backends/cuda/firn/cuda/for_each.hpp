@@ -4,6 +4,7 @@
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/teams.hpp>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -39,16 +40,17 @@ __global__ void __launch_bounds__(256, 2) for_each_in_step(Signal signal, Body b
     if (i < count) body(i);
 }
 
-/// Stops steps if any of these numbers is not 0.
-static __global__ void stop_steps_if(Signal signal, std::uint32_t const* numbers, int count,
-                                     std::uint32_t* stopped)
+/// Stops the steps of all orders, each of which has a signal, if any of these numbers is not 0.
+template <std::size_t orders>
+__global__ void stop_steps_if(std::array<Signal, orders> signals, std::uint32_t const* numbers, int count,
+                              std::uint32_t* stopped)
 {
-    if (signal.stops()) return;
+    if (signals[0].stops()) return;
     bool any = false;
     for (int i = 0; i < count; ++i) any = any || numbers[i] != 0;
     if (!any) return;
     *stopped = 1;
-    signal.stop({1, 0, 0, 0});
+    for (auto const& signal : signals) signal.stop({1, 0, 0, 0});
 }
 
 } // namespace firn::cuda::detail
