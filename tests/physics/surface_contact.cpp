@@ -529,14 +529,21 @@ TEST_CASE("obstacles of several lists have one surface, as those of one list", "
         Water::Solver water(lattice(h), materials::water<Plane>(2));
         water.add(box_of_points<2>({0.01, 0.02}, {1.01, 0.62}, h), h * h / 4, {0.5, -1});
         auto const report = water.advance(0.05, Gravity{}, around...);
-        std::vector<double> bits;
-        for (auto const& x : water.positions()) bits.insert(bits.end(), {x.x(), x.y()});
+        std::vector<double> numbers;
+        for (auto const& x : water.positions()) numbers.insert(numbers.end(), {x.x(), x.y()});
         for (auto const& reaction : report.reactions)
-            bits.insert(bits.end(), reaction.impulse.data(), reaction.impulse.data() + 3);
-        for (auto const& point : contact_points(water).points) bits.push_back(point.obstacle);
-        return bits;
+            numbers.insert(numbers.end(), reaction.impulse.data(), reaction.impulse.data() + 3);
+        bool touched[2]{};
+        for (auto const& point : contact_points(water).points) touched[point.obstacle] = true;
+        CHECK(touched[0]);
+        CHECK(touched[1]);
+        return numbers;
     };
-    CHECK(run(floor, ball) == run(both));
+    auto const of_two = run(floor, ball), of_one = run(both);
+    REQUIRE(of_two.size() == of_one.size());
+    double worst = 0; // to rounding: a compiler may fuse other operations in loops over other lists
+    for (std::size_t i = 0; i < of_one.size(); ++i) worst = std::max(worst, std::abs(of_two[i] - of_one[i]));
+    CHECK(worst < 1e-9);
     // only one of their memories has points, so only that one says how many steps a device queues
     SurfaceMemory<TestedBackend, double, 2> first{TestedBackend{}}, second{TestedBackend{}};
     for (int call = 0; call < 2; ++call) {
