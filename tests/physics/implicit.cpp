@@ -493,5 +493,5 @@ static_assert(std::is_same_v<SteppedBy<Mls, SymplecticEuler>, Mls>);
 static_assert(values_of_solve<Mls, QuadraticBSpline, 3> == 0);
 static_assert(values_of_solve<SteppedBy<Mls, Implicit>, QuadraticBSpline, 3> == 35);
 static_assert(values_of_solve<SteppedBy<Mls, Implicit>, QuadraticBSpline, 2> == 23);
-static_assert(TrialFields<NeoHookean<Solid>>::components(3) == 17);
-static_assert(TrialFields<NeoHookean<Plane>>::components(2) == 9);
+static_assert(TrialFields<NeoHookean<Solid>>::components(3) == 20);
+static_assert(TrialFields<NeoHookean<Plane>>::components(2) == 11);

@@ -31,6 +31,7 @@ struct CellWork
     bool gathers = false; ///< `begin`, the gather, and `update` with a result; otherwise `prepare` alone
     bool moves = false;   ///< `update` may move items out of their cells
     ScatterTarget scatters_to = ScatterTarget::nothing;
+    bool loads_stored = false; ///< of items it loads nothing but what earlier loops stored, by slot
 };
 
 /// Whether a phase of nodes sees the sums of each layer by themselves, and has values for each.

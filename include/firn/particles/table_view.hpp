@@ -154,11 +154,15 @@ struct FieldsById
         for_each_component_of<Set, d>(
             record, [&](int c, auto& value) { value = items.load_stored(component[std::size_t(c)]); });
     }
-    /// Prefetches what will be loaded by slot.
-    template <class Items>
-    FIRN_HOST_DEVICE void expect_by_slot(Items const& items) const
+    /// Some of the fields, which follow one another in the set.
+    template <class First, class... Rest>
+    auto part(Fields<First, Rest...>) const
     {
-        for (auto const* const array : component) items.expect_stored(array);
+        using Part = Fields<First, Rest...>;
+        FieldsById<Number, d, Part> view{.component = {}, .present = present, .same = same};
+        std::copy_n(component.begin() + Set::template first_component<First>(d), Part::components(d),
+                    view.component.begin());
+        return view;
     }
     template <class Items, class Record>
     FIRN_HOST_DEVICE void store_by_slot(Items const& items, Record& record) const

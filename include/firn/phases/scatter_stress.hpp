@@ -78,18 +78,19 @@ struct ScatterStress
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
-        Stencil<Kernel, Real, d> const nodes(position_of<Real>(row_of_cells));
-        make_ready(row_of_cells, nodes, spread);
+        Vector<Real, d> const x = position_of<Real>(row_of_cells);
+        make_ready(row_of_cells, x, spread);
         Vector<Real, d> const first = column_of<Real>(row_of_cells, 0),
-                              begin = first_distance<Real>(spread, nodes);
+                              begin = first_distance<Real>(spread, x);
+        auto const weights = Kernel::weights(x[0]), derivatives = Kernel::derivatives(x[0]);
         FIRN_UNROLL
         for (int i = 0; i < width; ++i) {
             auto& layer = spread.layer[i];
-            layer.weight = nodes.weight[0][std::size_t(i)];
+            layer.weight = weights[std::size_t(i)];
             if constexpr (by_gradient)
-                layer.force = first * nodes.derivative[0][std::size_t(i)];
+                layer.force = first * derivatives[std::size_t(i)];
             else
-                layer.force = begin + first * nodes.distance[0][std::size_t(i)];
+                layer.force = begin + first * distance(x[0], i);
         }
     }
 
@@ -127,19 +128,20 @@ struct ScatterStress
     template <class Row, class SumsOfLayer, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void scatter_layer(Row const& row_of_cells, int which, Frame, SumsOfLayer& sums)
     {
-        Stencil<Kernel, Real, d> const nodes(position_of<Real>(row_of_cells));
+        Vector<Real, d> const x = position_of<Real>(row_of_cells);
         Contribution<Real> contribution;
-        make_ready(row_of_cells, nodes, contribution);
+        make_ready(row_of_cells, x, contribution);
         Layer<Real> layer;
         Real slope;
+        auto const weights = Kernel::weights(x[0]), derivatives = Kernel::derivatives(x[0]);
         FIRN_UNROLL
         for (int i = 0; i < width; ++i) // chosen one by one: an array with an index would lie in memory
             if (i == 0 || which == i) {
-                layer.weight = nodes.weight[0][std::size_t(i)];
-                slope = by_gradient ? nodes.derivative[0][std::size_t(i)] : nodes.distance[0][std::size_t(i)];
+                layer.weight = weights[std::size_t(i)];
+                slope = by_gradient ? derivatives[std::size_t(i)] : distance(x[0], i);
             }
         layer.force = column_of<Real>(row_of_cells, 0) * slope;
-        if constexpr (!by_gradient) layer.force += first_distance<Real>(contribution, nodes);
+        if constexpr (!by_gradient) layer.force += first_distance<Real>(contribution, x);
         FIRN_UNROLL
         for (int row = 0; row < rows_of_layer; ++row)
             scatter(contribution, layer, row, RowOfSums<SumsOfLayer>{sums, row});
@@ -147,29 +149,35 @@ struct ScatterStress
 
 private:
     template <class Row, class Real>
-    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Stencil<Kernel, Real, d> const& nodes,
+    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Vector<Real, d> const& x,
                                             Contribution<Real>& contribution)
     {
         FIRN_UNROLL
         for (int a = 1; a < d; ++a) {
             contribution.column[std::size_t(a - 1)] = column_of<Real>(row_of_cells, a);
+            auto const weights = Kernel::weights(x[a]), derivatives = Kernel::derivatives(x[a]);
             FIRN_UNROLL
             for (int i = 0; i < width; ++i) { // one by one: see copy_of()
-                contribution.weight[std::size_t(a - 1)][std::size_t(i)] =
-                    nodes.weight[std::size_t(a)][std::size_t(i)];
+                contribution.weight[std::size_t(a - 1)][std::size_t(i)] = weights[std::size_t(i)];
                 if constexpr (by_gradient)
-                    contribution.derivative[std::size_t(a - 1)][std::size_t(i)] =
-                        nodes.derivative[std::size_t(a)][std::size_t(i)];
+                    contribution.derivative[std::size_t(a - 1)][std::size_t(i)] = derivatives[std::size_t(i)];
             }
         }
+    }
+    /// Of a node from a particle, along an axis [cells]. Not from a Stencil, which packs would keep in
+    /// memory.
+    template <class Real>
+    FIRN_HOST_DEVICE static Real distance(Real const& x, int i)
+    {
+        return Real(ScalarOf<Real>(i) - ScalarOf<Real>(0.5) * Kernel::degree) - x;
     }
     /// S times the distance of the first node, along all axes but the first.
     template <class Real>
     FIRN_HOST_DEVICE static Vector<Real, d> first_distance(Contribution<Real> const& contribution,
-                                                           Stencil<Kernel, Real, d> const& nodes)
+                                                           Vector<Real, d> const& x)
     {
-        Vector<Real, d> sum = contribution.column[0] * nodes.distance[1][0];
-        if constexpr (d == 3) sum += contribution.column[1] * nodes.distance[2][0];
+        Vector<Real, d> sum = contribution.column[0] * distance(x[1], 0);
+        if constexpr (d == 3) sum += contribution.column[1] * distance(x[2], 0);
         return sum;
     }
 

@@ -24,9 +24,17 @@
 namespace firn
 {
 
-/// What a particle of a model keeps while a step is solved: of its state at the velocities that were tried.
+/// Where a particle is in its cell, from the cell's centre [cells].
+struct KeptOffset
+{
+    static constexpr auto name = "kept_offset";
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// What a particle of a model keeps while a step is solved: its place, and of its state at the velocities
+/// that were tried. A product so loads all by slot, and does not look up where particles lie.
 template <class Model>
-using TrialFields = typename CachedTangent<Model>::Kept;
+using TrialFields = Join<Fields<KeptOffset>, typename CachedTangent<Model>::Kept>;
 
 /// The transfer of these passes: the gradient of a scheme and its transpose, by which stress acts.
 template <class Scheme>
@@ -102,7 +110,8 @@ struct StressPass
 
     Model model;
     TableView<Number const, d, PersistentFields> particles;
-    FieldsById<Number, d, TrialFields<Model>> trial; ///< by slot
+    FieldsById<Number, d, Fields<KeptOffset>> offset;                   ///< by slot
+    FieldsById<Number, d, typename CachedTangent<Model>::Kept> tangent; ///< by slot
     MassGroups<Number> mass_groups;
     Number dt;                ///< [s]
     Number inverse_cell_size; ///< [1/m]
@@ -171,11 +180,14 @@ struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields
         Real const in_cells(this->dt * this->inverse_cell_size);
         auto kept = CachedTangent<Model>::template of<Real>(this->model, before, particle, inverse_transpose,
                                                             Real(volume * in_cells * in_cells));
-        this->trial.store_by_slot(items, kept);
+        this->tangent.store_by_slot(items, kept);
+        Record<Real, d, Fields<KeptOffset>> place;
+        place[KeptOffset{}] = Pass::Gather::template position_of<Real>(items);
+        this->offset.store_by_slot(items, place);
         Matrix<Real, d> const impulse = make_matrix<Real, d>(
             [&](int i, int j) { return select(inverted, Real(0), stress(i, j) * (volume * in_cells)); });
         Real const stiffness = select(inverted, Real(0), volume * response.wave_modulus);
-        Pass::Scatter::store(items, Pass::Gather::template position_of<Real>(items),
+        Pass::Scatter::store(items, place[KeptOffset{}],
                              select(items.here() & inverted, Real(of_inverted), stiffness),
                              Pass::Transfer::template contribution<Kernel, Real, d>(impulse), {});
     }
@@ -197,21 +209,31 @@ struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFiel
 {
     using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields, ScatterStress>;
     using Pass::d;
+    static constexpr CellWork work{
+        .gathers = true, .scatters_to = ScatterTarget::next_sums, .loads_stored = true};
 
     /// Says what update() will load, and begin() for other particles.
     template <class Items>
     FIRN_HOST_DEVICE void expect(Items const& items) const
     {
-        this->trial.expect_by_slot(items);
-        for (auto const* const array : this->particles.offset) items.expect_next(array);
+        for (auto const* const array : this->tangent.component) items.expect_stored(array);
+        for (auto const* const array : this->offset.component) items.expect_next(array);
+    }
+
+    template <class Items>
+    FIRN_HOST_DEVICE void begin(Items& items) const
+    {
+        Record<typename Items::Real, d, Fields<KeptOffset>> place;
+        this->offset.load_by_slot(items, place);
+        Pass::Gather::template set_position<typename Items::Real>(items, place[KeptOffset{}]);
     }
 
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, NothingFound&) const
     {
         using Real = typename Items::Real;
-        Record<Real, d, TrialFields<Model>> kept;
-        this->trial.load_by_slot(items, kept);
+        Record<Real, d, typename CachedTangent<Model>::Kept> kept;
+        this->tangent.load_by_slot(items, kept);
         Pass::Scatter::store(
             items,
             Pass::Transfer::template scattered<Kernel, Real, d>(CachedTangent<Model>::template product<Real>(

@@ -235,7 +235,9 @@ private:
             Phase phase;
             phase.model = scene_.sets.template model<k>();
             phase.particles = table.current();
-            phase.trial = own_.template trial<k>(table.size());
+            auto const trial = own_.template trial<k>(table.size());
+            phase.offset = trial.part(Fields<KeptOffset>{});
+            phase.tangent = trial.part(typename CachedTangent<typename MaterialTraits<k>::Model>::Kept{});
             phase.mass_groups = table.mass_groups();
             phase.dt = static_cast<Number>(dt_);
             phase.inverse_cell_size = static_cast<Number>(1 / memory_.lattice.cell_size);

@@ -57,7 +57,7 @@ FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes, Expec
 struct ExpectedItems
 {
     std::size_t slot; ///< of the first of some of these
-    std::size_t next; ///< where one of the others lies
+    std::size_t next; ///< of the first of some of the others
 
     template <class T>
     void expect_stored(T const* array) const
@@ -212,7 +212,10 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
                 if (begin == end) continue;
                 scratch.reserve(Phase::scratch_channels, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
-                    items.enter(slot, end, slot - begin);
+                    if constexpr (Phase::work.loads_stored)
+                        items.enter_slots(slot, end, slot - begin);
+                    else
+                        items.enter(slot, end, slot - begin);
                     begin_items(phase, items);
                 }
                 std::size_t from = begin;
@@ -221,11 +224,9 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
                     [&](auto& group, std::size_t behind) {
                         if constexpr (SaysWhatComes<Phase>)
                             gather<typename Phase::Gather>(group, behind, nodes_of_cells, [&](int rank) {
-                                std::size_t const ahead = std::size_t(rank) * lane_width<Lane>,
-                                                  later = end + ahead;
-                                if (later >= cells.size()) return;
-                                __builtin_prefetch(cells.sources(later) + (end - begin), 0, 3);
-                                phase.expect(ExpectedItems{from + ahead, *cells.sources(later)});
+                                std::size_t const ahead = std::size_t(rank) * lane_width<Lane>;
+                                if (end + ahead < cells.size())
+                                    phase.expect(ExpectedItems{from + ahead, end + ahead});
                             });
                         else
                             gather<typename Phase::Gather>(group, behind, nodes_of_cells, ExpectNothing{});

@@ -53,6 +53,9 @@ public:
         if constexpr (lanes > 1) reader_.follow(of_);
     }
 
+    /// There are so many, wherever they lie.
+    void follow_none(int count) { count_ = count; }
+
     int count() const { return count_; }
     std::uint32_t operator[](int lane) const { return of_[lane]; }
 
@@ -150,6 +153,12 @@ public:
         assert(std::all_of(sources, sources + count, [&](auto from) { return from < cells_.size(); }) &&
                "a lane's item is one that is there");
         scratch_.pack(item).places.follow(sources, count);
+        enter_again(slot, item);
+    }
+    /// The same if nothing is asked for that lies at their sources.
+    void enter_slots(std::size_t slot, std::size_t end, std::size_t item)
+    {
+        scratch_.pack(item).places.follow_none(static_cast<int>(std::min<std::size_t>(lanes, end - slot)));
         enter_again(slot, item);
     }
     /// Goes back to them.
