@@ -160,12 +160,13 @@ struct Cuda
             work.gathers == (work.scatters_to != ScatterTarget::sums),
             "a phase that gathers scatters to the next sums or to none, another one to the current sums");
         static_assert(!work.moves, "items move in run_steps() alone");
-        if (layer.blocks() == 0) return;
+        std::uint32_t const groups = cells.groups(layer.blocks());
+        if (groups == 0) return;
         cuda::OnDevice const here(device);
         using Items = cuda::detail::ShapeOfItems<LayerType, Phase>;
         constexpr bool scatters = work.scatters_to != ScatterTarget::nothing;
         auto const launch = [&](char const* name, auto* loop, auto const&... more) {
-            cuda::detail::launch(name, queue(), loop, layer.blocks(), Items::team_threads, Items::bytes(),
+            cuda::detail::launch(name, queue(), loop, groups, Items::team_threads, Items::bytes(),
                                  cells.signal(), phase, cells.view(), layer.view(), more...);
         };
         if constexpr (!work.gathers)

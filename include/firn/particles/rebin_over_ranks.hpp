@@ -178,12 +178,12 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
     end_exchange(to, backend);
 }
 
-/// Makes room for particles, and for some more where an array has to grow: all ranks wait while one
-/// allocates.
+/// Makes room for particles, and for a sixteenth more where an array has to grow: all ranks wait while one
+/// allocates, and a rank has hardly more than that beyond its share before space is divided anew.
 template <class Array>
 void make_room_for(Array& array, std::size_t places, std::size_t kept)
 {
-    if (places * sizeof(typename Array::Value) > array.memory()) array.resize(places + places / 32, kept);
+    if (places * sizeof(typename Array::Value) > array.memory()) array.resize(places + places / 16, kept);
     array.resize(places, kept);
 }
 

@@ -83,16 +83,10 @@ public:
     }
 
     /// Changes the size and drops the elements; frees their memory before allocating more.
-    void renew(std::size_t size)
-    {
-        if (size > capacity_) {
-            std::size_t const capacity = capacity_ == 0 ? size : with_spare(size);
-            queue_.wait();
-            release();
-            grow(capacity, 0);
-        }
-        size_ = size;
-    }
+    void renew(std::size_t size) { renew_with_room(size, capacity_ == 0 ? size : with_spare(size)); }
+    /// The same with as much room again, for arrays that are small beside others and often grow: each growth
+    /// waits for the device.
+    void renew_amply(std::size_t size) { renew_with_room(size, 2 * size); }
 
     /// Frees the memory.
     void clear()
@@ -133,6 +127,16 @@ public:
     std::size_t memory() const { return capacity_ * sizeof(T); }
 
 private:
+    void renew_with_room(std::size_t size, std::size_t room)
+    {
+        if (size > capacity_) {
+            queue_.wait();
+            release();
+            grow(room, 0);
+        }
+        size_ = size;
+    }
+
     /// Makes repeated growth cheap: 3 % more, or another fraction, and as much again while the array is
     /// small.
     static std::size_t with_spare(std::size_t size, std::size_t fraction = 32)

@@ -49,8 +49,9 @@ public:
             Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]);
             return block * int{Shape::extent} + Shape::cell(static_cast<int>(c % Shape::cells));
         }
-        /// Whether items of this block are here. Where several devices share the cells, each has its part.
-        __device__ static constexpr bool has(std::uint32_t) { return true; }
+        /// The block on whose items a group of threads works. Where several devices share the cells, each has
+        /// its part.
+        __device__ static constexpr std::uint32_t block(std::uint32_t group) { return group; }
         /// Whether the loop that moves items forgets those that came last: if none come in until it ends.
         static constexpr bool forgets_incoming = false;
     };
@@ -69,6 +70,8 @@ public:
     Queue const& queue() const { return queue_; }
     std::size_t size() const { return size_; }
     std::uint32_t blocks() const { return set_.size(); }
+    /// How many groups of threads work on the items of the first so many blocks.
+    static std::uint32_t groups(std::uint32_t of_blocks) { return of_blocks; }
     View view() const { return {set_.keys(), begin_.data(), order_.data()}; }
 
     std::size_t memory() const
@@ -418,10 +421,11 @@ protected: // for an order that several devices share
     }
 
     /// Writes the new order of `items` items once the beginnings of blocks are known: those that stay in
-    /// their cells, and at most `count` that come.
+    /// their cells, and at most `count` that come. If the device has a part of the blocks, `part` says which.
     template <class AnyLeavers>
     void rearrange(AnyLeavers const& leavers, std::uint32_t count, unsigned char const* left,
-                   std::array<Offset*, d> const& offset, std::size_t items)
+                   std::array<Offset*, d> const& offset, std::size_t items,
+                   detail::PartOfBlocks const* part = nullptr)
     {
         bool const comes_in = left == nullptr;
         new_begin_.renew(blocks() * Shape::cells + 1);
@@ -442,8 +446,13 @@ protected: // for an order that several devices share
                                   arrived_.data(),
                                   in_place ? order_.data() : next.data(),
                                   leavers.scratch()};
-        launch_behind("rearrange", queue_, detail::rearrange<d, AnyLeavers>, blocks(), 64, 0, signal(),
-                      begin_.data(), changes(), block_begin_.data(), leavers, to, offset);
+        if (part == nullptr)
+            launch_behind("rearrange", queue_, detail::rearrange<d, AnyLeavers>, blocks(), 64, 0, signal(),
+                          begin_.data(), changes(), block_begin_.data(), leavers, to, offset);
+        else
+            launch_behind("rearrange", queue_, detail::rearrange_part<d, AnyLeavers>, part->groups(), 64, 0,
+                          signal(), begin_.data(), changes(), block_begin_.data(), leavers, to, offset,
+                          *part);
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;

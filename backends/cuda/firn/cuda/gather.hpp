@@ -34,12 +34,13 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
 {
     using In = ShapeOfItems<GridType, Phase>;
     Signal::Heard const heard = signal.hear();
-    ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x); // loaded while the signal is on its way
-    if (heard.stops() || !cells.has(blockIdx.x)) return;
+    std::uint32_t const block = cells.block(blockIdx.x);
+    ItemsOfBlock<Order, GridType, Phase> items(cells, block); // loaded while the signal is on its way
+    if (heard.stops()) return;
     __shared__ std::uint32_t left_cell[block_threads], left_chunk, first_leaver;
     if (threadIdx.x < block_threads) left_cell[threadIdx.x] = 0;
     if (threadIdx.x == 0) left_chunk = 0;
-    items.read(grid, blockIdx.x);
+    items.read(grid, block);
     typename Phase::Result result{}, rare{};
     std::uint32_t left_block = 0;
     items.for_each(
@@ -56,30 +57,30 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
             left_block += left;
             if (threadIdx.x == 0 && left > 0)
                 first_leaver = atomicAdd(&moved.leavers.counters->outgoing, left);
-            items.scatter(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, is_first,
-                          [&] {
-                              if (left == 0) return;
-                              items.write_leavers(moved.leavers, moved.to, blockIdx.x, first_leaver, left);
-                              if (threadIdx.x == 0) left_chunk = 0;
-                              __syncthreads();
-                          });
+            items.scatter(grid.next_tiles + std::size_t(block) * GridType::TileShape::nodes, is_first, [&] {
+                if (left == 0) return;
+                items.write_leavers(moved.leavers, moved.to, block, first_leaver, left);
+                if (threadIdx.x == 0) left_chunk = 0;
+                __syncthreads();
+            });
         });
     if (threadIdx.x < block_threads) {
         Changes const& changes = moved.to.changes;
         std::uint32_t const left = left_cell[threadIdx.x];
-        changes.stay[blockIdx.x * block_threads + threadIdx.x] = items.size_of_cell(threadIdx.x) - left;
-        if constexpr (Order::View::forgets_incoming) forget_incoming(changes, blockIdx.x);
+        changes.stay[block * block_threads + threadIdx.x] = items.size_of_cell(threadIdx.x) - left;
+        if constexpr (Order::View::forgets_incoming) forget_incoming(changes, block);
         bool const some_left = __any_sync(~0u, left > 0);
-        if (threadIdx.x % 32 == 0) changes.group_left[2 * blockIdx.x + threadIdx.x / 32] = some_left;
-        if (threadIdx.x == 0) changes.block_stay[blockIdx.x] = items.size() - left_block;
+        if (threadIdx.x % 32 == 0) changes.group_left[2 * block + threadIdx.x / 32] = some_left;
+        if (threadIdx.x == 0) changes.block_stay[block] = items.size() - left_block;
     }
     result.merge(rare);
     using Result = typename Phase::Result;
     if constexpr (In::leaves_results)
-        moved.results.take_in(result, reinterpret_cast<std::uint32_t*>(shared_memory() + In::contributions));
+        moved.results.take_in(result, reinterpret_cast<std::uint32_t*>(shared_memory() + In::contributions),
+                              block);
     else {
         __shared__ __align__(16) unsigned char parts[teams * In::team_threads / 32 * sizeof(Result)];
-        moved.results.take(result, reinterpret_cast<Result*>(parts));
+        moved.results.take(result, reinterpret_cast<Result*>(parts), block);
     }
 }
 
@@ -95,9 +96,10 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     scatter_back(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
-    if (signal.stops() || !cells.has(blockIdx.x)) return;
-    ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
-    items.read(grid, blockIdx.x);
+    if (signal.stops()) return;
+    std::uint32_t const block = cells.block(blockIdx.x);
+    ItemsOfBlock<Order, GridType, Phase> items(cells, block);
+    items.read(grid, block);
     typename Phase::Result result{};
     items.for_each(
         [&](auto& item, std::uint32_t i) {
@@ -107,8 +109,7 @@ __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
             items.store(item, i);
         },
         [&](bool is_first) {
-            items.scatter(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, is_first,
-                          [] {});
+            items.scatter(grid.next_tiles + std::size_t(block) * GridType::TileShape::nodes, is_first, [] {});
         });
 }
 
@@ -117,9 +118,10 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     gather(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
-    if (signal.stops() || !cells.has(blockIdx.x)) return;
-    ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
-    items.read(grid, blockIdx.x);
+    if (signal.stops()) return;
+    std::uint32_t const block = cells.block(blockIdx.x);
+    ItemsOfBlock<Order, GridType, Phase> items(cells, block);
+    items.read(grid, block);
     typename Phase::Result result{};
     items.for_each(
         [&](auto& item, std::uint32_t) {

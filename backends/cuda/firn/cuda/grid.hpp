@@ -402,8 +402,8 @@ protected: // for a grid that several devices share
     Array<std::uint32_t> const& covered_by(std::size_t layer) const { return tiles_[layer].covered_by; }
     Array<Sums>& tiles(std::size_t layer) { return tiles_[layer].of[0]; }
     /// Makes room for the tiles of so many blocks, and for an eighth more, where tiles have to grow: all
-    /// devices wait while one allocates.
-    void reserve_tiles(std::size_t layer, std::uint32_t blocks)
+    /// devices wait while one allocates. If activate() is about to make nodes, also for their values.
+    void reserve_tiles(std::size_t layer, std::uint32_t blocks, bool with_values)
     {
         Tiles& tiles = tiles_[layer];
         std::size_t const count = std::size_t(blocks) * TileShape::nodes, before = tiles.of[0].size();
@@ -411,11 +411,14 @@ protected: // for a grid that several devices share
         tiles.of[1].clear(); // as in tie()
         tiles.of[0].resize(count + count / 8);
         tiles.of[0].resize(before);
+        tiles.of[1].resize(tiles.of[0].memory() / sizeof(Sums), 0);
+        tiles.of[1].resize(before, 0);
         std::size_t const nodes = values_.size(), corners_before = tiles.covered_by.size();
-        values_.renew(nodes + nodes / 8);
-        values_.renew(nodes);
         tiles.covered_by.resize(corners_before + corners_before / 8);
         tiles.covered_by.resize(corners_before);
+        if (!with_values) return;
+        values_.renew(nodes + nodes / 8);
+        values_.renew(nodes);
     }
     /// The keys of all blocks of nodes.
     std::vector<std::uint64_t> keys_of_nodes() const

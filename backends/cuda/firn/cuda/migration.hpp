@@ -76,9 +76,10 @@ struct Destinations
     bool at_once;              ///< the loop that moves items also searches; otherwise end_step does
 };
 
-/// Adds a leaver to the list of its new cell, and counts it there and in the block.
+/// Adds a leaver to the list of its new cell, and counts it there and in the block. Returns whether the
+/// thread counted it, perhaps with others, as the first in the block.
 template <class Number>
-__device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, std::uint32_t leaver,
+__device__ bool arrive(Leavers<Number> const& leavers, Changes const& changes, std::uint32_t leaver,
                        std::uint32_t block, std::uint32_t place)
 {
     std::uint32_t const cell = block * 64 + place;
@@ -86,8 +87,8 @@ __device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, s
     atomicAdd(changes.incoming + cell, 1u);
     // neighbouring leavers come into the same few blocks: one atomic per block and warp
     std::uint32_t const with_me = __match_any_sync(__activemask(), block);
-    if (static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1)
-        atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
+    return static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1 &&
+           atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me))) == 0;
 }
 
 /// Where a leaver goes: how many blocks beyond its own, and the place in the block there.

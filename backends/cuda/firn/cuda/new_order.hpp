@@ -200,6 +200,52 @@ __global__ void __launch_bounds__(64)
         leavers, to, offset);
 }
 
+/// The blocks that a device has of those that several share.
+struct PartOfBlocks
+{
+    std::uint32_t const* list;
+    std::uint32_t count;       ///< of these
+    unsigned char const* here; ///< per block of all: whether it is one of them
+    std::uint32_t all;
+
+    /// How many groups of threads write the beginnings of the cells of those blocks, and of all others.
+    unsigned groups() const { return count + groups_of(all, 64); }
+};
+
+/// The same where a device has some of the blocks; the others hold no items here.
+template <int d, class Leavers>
+__global__ void __launch_bounds__(64)
+    rearrange_part(Signal signal, std::uint32_t const* begin, Changes changes,
+                   std::uint64_t const* block_begin, Leavers leavers, NewOrder to,
+                   OffsetsOf<Leavers, d> offset, PartOfBlocks part)
+{
+    if (signal.stops()) return;
+    auto const find_begin = [&](std::uint32_t block) { return block_begin[block]; };
+    if (blockIdx.x < part.count) {
+        rearrange_block<d>(part.list[blockIdx.x], part.all, begin, changes, find_begin, leavers, to, offset);
+        return;
+    }
+    __shared__ std::uint64_t begins[64];
+    __shared__ unsigned char is_here[64];
+    std::uint32_t const first = (blockIdx.x - part.count) * 64, mine = first + threadIdx.x;
+    if (mine < part.all) {
+        begins[threadIdx.x] = block_begin[mine];
+        is_here[threadIdx.x] = part.here[mine];
+    }
+    __syncthreads();
+    for (std::uint32_t i = 0; i < 64 && first + i < part.all; ++i) {
+        if (is_here[i] != 0) continue;
+        std::uint32_t const c = (first + i) * 64 + threadIdx.x;
+        auto const items = static_cast<std::uint32_t>(begins[i]),
+                   arrived = static_cast<std::uint32_t>(begins[i] >> 32);
+        to.begin[c] = items;
+        to.arrived_begin[c] = arrived;
+        if (first + i + 1 < part.all || threadIdx.x != 63) continue;
+        to.begin[c + 1] = items;
+        to.arrived_begin[c + 1] = arrived;
+    }
+}
+
 /// Replaces the places of items by their new ones.
 static __global__ void renumber(std::uint32_t* order, std::uint32_t count, std::uint32_t const* place)
 {

@@ -105,7 +105,7 @@ struct ResultsOfGroups
 
     /// Called by all threads of a group with their results; `memory` is shared memory for all of these. Each
     /// lane of one warp merges those of every 32nd thread.
-    __device__ void take_in(Result const& of_thread, std::uint32_t* memory) const
+    __device__ void take_in(Result const& of_thread, std::uint32_t* memory, std::uint32_t group) const
     {
         Words<Result> words{};
         memcpy(&words, static_cast<void const*>(&of_thread), sizeof words);
@@ -124,11 +124,11 @@ struct ResultsOfGroups
             memcpy(static_cast<void*>(&other), &words, sizeof words);
             mine.merge(other);
         }
-        finish(mine, blockIdx.x);
+        finish(mine, group);
     }
 
     /// Called by all threads of a group with their results; `parts` is shared memory for one value per warp.
-    __device__ void take(Result const& of_thread, Result* parts, std::uint32_t group = blockIdx.x) const
+    __device__ void take(Result const& of_thread, Result* parts, std::uint32_t group) const
     {
         std::uint32_t const warp = threadIdx.x / 32, lane = threadIdx.x % 32, warps = blockDim.x / 32;
         Result mine = merged_in_warp(of_thread);
@@ -172,16 +172,17 @@ struct Partial
 {
     Result const* of;
     std::uint32_t count;
+    std::uint32_t const* held = nullptr; ///< on the device: how many of them are not empty; null: all may be
 
     /// Merges them in a fixed order on `warps` consecutive warps, of which this is number `warp`; each leaves
     /// its part in `parts`.
     __device__ void merge(std::uint32_t warp, std::uint32_t warps, Result* parts) const
     {
         std::uint32_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32,
-                            each = (count + threads - 1) / threads;
+                            each = (count + threads - 1) / threads, all = held == nullptr ? count : *held;
         Result mine{};
 #pragma unroll 1
-        for (std::uint32_t i = thread * each; i < (thread + 1) * each && i < count; ++i)
+        for (std::uint32_t i = thread * each; i < (thread + 1) * each && i < all; ++i)
             mine.merge(detail::load_words(of + i));
         mine = detail::merged_in_warp(mine);
         if (threadIdx.x % 32 == 0) detail::store_words(mine, parts + warp);
@@ -233,8 +234,8 @@ public:
         results.groups = groups;
         results.bunch = are_apart_ ? 1 : (groups + most_bunches - 1) / most_bunches;
         std::uint32_t const bunches = results.bunches(), more = results.bunch == 1 ? 0 : bunches;
-        if (partial_.size() < (std::size_t(groups) + more) * sizeof(Result))
-            partial_.renew((std::size_t(groups) + more) * sizeof(Result));
+        if (std::size_t const bytes = (std::size_t(groups) + more) * sizeof(Result); partial_.size() < bytes)
+            partial_.renew(bytes + (are_apart_ ? bytes / 8 : 0)); // all devices wait while one allocates
         if (finished_.size() < bunches) {
             finished_.renew(bunches);
             finished_.fill_bytes(0, finished_.size(), 0);

@@ -37,38 +37,49 @@ struct Telling
     }
 };
 
-/// Lists the results that have a place among others, in any order, and merges the rest: of the groups for
-/// which `which[group]` is odd. If there are more than `room`, they are only counted.
+/// What a device tells of a loop: the results that have a place among others are listed, in any order, and
+/// the rest are merged; those of the groups for which `which[group]` is odd. If there are more than `room`,
+/// they are only counted.
 template <class Result>
-__global__ void __launch_bounds__(telling_threads)
-    tell_results(Partial<Result> of, unsigned char const* which, std::uint32_t room,
-                 std::uint32_t* listed_count, unsigned char* to)
+struct TellResults
 {
-    auto* const rest = reinterpret_cast<Result*>(to);
-    auto* const listed = reinterpret_cast<ResultOfGroup<Result>*>(to + Telling<Result>::listed);
-    Result mine{};
-    for (std::uint32_t i = blockIdx.x * telling_threads + threadIdx.x; i < of.count;
-         i += telling_groups * telling_threads) {
-        if ((which[i] & 1) == 0) continue;
-        Result const one = load_words(of.of + i);
-        if (one.has_a_place()) {
-            std::uint32_t const at = atomicAdd(listed_count, 1u);
-            if (at >= room) continue;
-            listed[at].group = i;
-            store_words(one, &listed[at].result);
+    Partial<Result> of;
+    unsigned char const* which;
+    std::uint32_t room;
+    std::uint32_t* listed_count; ///< 0 before
+    unsigned char* to;           ///< null: nothing is told
+
+    /// Called by all threads of `telling_groups` groups.
+    __device__ void operator()(std::uint32_t group) const
+    {
+        if (to == nullptr) return;
+        auto* const rest = reinterpret_cast<Result*>(to);
+        auto* const listed = reinterpret_cast<ResultOfGroup<Result>*>(to + Telling<Result>::listed);
+        Result mine{};
+        for (std::uint32_t i = group * telling_threads + threadIdx.x; i < of.count;
+             i += telling_groups * telling_threads) {
+            if ((which[i] & 1) == 0) continue;
+            Result const one = load_words(of.of + i);
+            if (one.has_a_place()) {
+                std::uint32_t const at = atomicAdd(listed_count, 1u);
+                if (at >= room) continue;
+                listed[at].group = i;
+                store_words(one, &listed[at].result);
+            }
+            else
+                mine.merge(one);
         }
-        else
-            mine.merge(one);
+        __shared__ __align__(16) unsigned char memory[telling_threads / 32 * sizeof(Result)];
+        auto* const parts = reinterpret_cast<Result*>(memory);
+        mine = merged_in_warp(mine);
+        if (threadIdx.x % 32 == 0) store_words(mine, parts + threadIdx.x / 32);
+        __syncthreads();
+        if (threadIdx.x >= 32) return;
+        mine =
+            merged_in_warp(threadIdx.x < telling_threads / 32 ? load_shared(parts + threadIdx.x) : Result{});
+        if (threadIdx.x == 0) store_words(mine, rest + group);
     }
-    __shared__ __align__(16) unsigned char memory[telling_threads / 32 * sizeof(Result)];
-    auto* const parts = reinterpret_cast<Result*>(memory);
-    mine = merged_in_warp(mine);
-    if (threadIdx.x % 32 == 0) store_words(mine, parts + threadIdx.x / 32);
-    __syncthreads();
-    if (threadIdx.x >= 32) return;
-    mine = merged_in_warp(threadIdx.x < telling_threads / 32 ? load_shared(parts + threadIdx.x) : Result{});
-    if (threadIdx.x == 0) store_words(mine, rest + blockIdx.x);
-}
+};
 
 /// What all devices have told of a loop, each so many bytes behind the one before.
 struct ToldByDevices
@@ -86,47 +97,72 @@ struct ToldByDevices
     }
 };
 
-/// Puts the results that devices have listed to their groups.
+/// What all devices have told of a loop is merged as one device would have done that had found it.
 template <class Result>
-__global__ void put_results(ToldByDevices told, Result* of_groups)
+struct MergeTold
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x, device = i / told.room, at = i % told.room;
-    if (device >= told.devices || at >= told.count_of(device)) return;
-    auto const* const listed =
-        reinterpret_cast<ResultOfGroup<Result> const*>(told.of(device) + Telling<Result>::listed) + at;
-    store_words(load_words(&listed->result), of_groups + listed->group);
-}
+    ToldByDevices told{};
+    ResultsOfGroups<Result> results{}; ///< with no groups, nothing is told
+    std::uint32_t* held = nullptr;     ///< see Partial
 
-/// Merges the results of all groups, bunch by bunch on a warp each, as one device would that had found them.
-/// The groups are left with no results.
-template <class Result>
-__global__ void __launch_bounds__(32) merge_told(ToldByDevices told, ResultsOfGroups<Result> results)
-{
-    bool any = false; // else there is nothing but what has no place
-    for (std::uint32_t device = 0; device < told.devices; ++device) any = any || told.count_of(device) > 0;
-    std::uint32_t const b = blockIdx.x, first = b * results.bunch;
-    Result rest{};
-    if (b == 0) {
+    static constexpr unsigned putting_threads = 128, merging_threads = 128;
+    /// How many groups of threads put results.
+    unsigned groups_that_put() const
+    {
+        return results.groups == 0 ? 0 : groups_of(std::size_t(told.devices) * told.room, putting_threads);
+    }
+
+    /// How many merge them.
+    unsigned groups_that_merge() const
+    {
+        return results.groups == 0 ? 0 : groups_of(std::size_t(results.bunches()) * 32, merging_threads);
+    }
+
+    /// Puts the results that devices have listed to their groups.
+    __device__ void put(std::uint32_t group) const
+    {
+        if (results.groups == 0) return;
+        std::uint32_t const i = group * putting_threads + threadIdx.x, device = i / told.room,
+                            at = i % told.room;
+        if (device >= told.devices || at >= told.count_of(device)) return;
+        auto const* const listed =
+            reinterpret_cast<ResultOfGroup<Result> const*>(told.of(device) + Telling<Result>::listed) + at;
+        store_words(load_words(&listed->result), results.of_groups + listed->group);
+    }
+
+    /// Merges the results of all groups on a warp for each bunch. The groups are left with no results.
+    __device__ void merge(std::uint32_t b) const
+    {
+        if (results.groups == 0 || b >= results.bunches()) return;
+        bool any = false; // else there is nothing but what has no place
         for (std::uint32_t device = 0; device < told.devices; ++device)
-            if (threadIdx.x < telling_groups)
-                rest.merge(load_words(reinterpret_cast<Result const*>(told.of(device)) + threadIdx.x));
-        rest = merged_in_warp(rest);
+            any = any || told.count_of(device) > 0;
+        if (b > 0 && !any) return;
+        std::uint32_t const first = b * results.bunch, lane = threadIdx.x % 32;
+        if (b == 0) {
+            Result rest{};
+            for (std::uint32_t device = 0; device < told.devices; ++device)
+                if (lane < telling_groups)
+                    rest.merge(load_words(reinterpret_cast<Result const*>(told.of(device)) + lane));
+            rest = merged_in_warp(rest);
+            if (lane == 0) *held = any ? results.bunches() : 1;
+            if (!any) {
+                if (lane == 0) store_words(rest, results.of_bunches);
+                return;
+            }
+            if (lane == 0) { // comes with the first group's
+                Result of_first = load_words(results.of_groups);
+                of_first.merge(rest);
+                store_words(of_first, results.of_groups);
+            }
+        }
+        __syncwarp();
+        results.merge_bunch(b);
+        __syncwarp();
+        for (std::uint32_t i = lane; i < results.size(b); i += 32)
+            store_words(Result{}, results.of_groups + first + i);
     }
-    if (!any) {
-        if (threadIdx.x == 0) store_words(rest, results.of_bunches + b);
-        return;
-    }
-    if (b == 0 && threadIdx.x == 0) { // comes with the first group's
-        Result of_first = load_words(results.of_groups);
-        of_first.merge(rest);
-        store_words(of_first, results.of_groups);
-    }
-    __syncwarp();
-    results.merge_bunch(b);
-    __syncwarp();
-    for (std::uint32_t i = threadIdx.x; i < results.size(b); i += 32)
-        store_words(Result{}, results.of_groups + first + i);
-}
+};
 } // namespace detail
 
 /// What the groups of threads of a loop have found on this device and, in the end, on all.
@@ -136,7 +172,7 @@ class ResultsOfDevices
 
 public:
     explicit ResultsOfDevices(Queue const& queue)
-        : by_host(queue), queue_(queue), of_groups_(queue), of_bunches_(queue)
+        : by_host(queue), queue_(queue), of_groups_(queue), of_bunches_(queue), held_(queue)
     {}
 
     ResultsByHost by_host; ///< where they are needed at once
@@ -148,21 +184,20 @@ public:
         return detail::Telling<Result>::bytes(room_);
     }
 
-    /// Queues telling the results of the groups for which `which[group]` is odd. `count` is 0 before, and
-    /// then says how many of them are listed.
+    /// What tells the results of the groups for which `which[group]` is odd, at `to`. `count` is 0 before,
+    /// and then says how many of them are listed.
     template <class Result>
-    void tell(Results const& here, unsigned char const* which, std::uint32_t* count, unsigned char* to)
+    detail::TellResults<Result> tell(Results const& here, unsigned char const* which, std::uint32_t* count,
+                                     unsigned char* to) const
     {
-        OnDevice const device(queue_);
-        launch_after("tell_results", queue_, detail::tell_results<Result>, detail::telling_groups,
-                     detail::telling_threads, here.partial<Result>(), which, room_, count, to);
+        return {here.partial<Result>(), which, room_, count, to};
     }
 
-    /// Queues merging the results of `groups` groups on all devices: what all have told by tell(), each
-    /// `stride` bytes behind the one before.
+    /// What merges the results of `groups` groups on all devices: what all have told by tell(), each `stride`
+    /// bytes behind the one before.
     template <class Result>
-    Partial<Result> merge(std::uint32_t groups, std::uint32_t devices, std::uint32_t const* count,
-                          unsigned char const* told, std::size_t stride)
+    detail::MergeTold<Result> merge(std::uint32_t groups, std::uint32_t devices, std::uint32_t const* count,
+                                    unsigned char const* told, std::size_t stride)
     {
         OnDevice const device(queue_);
         detail::ResultsOfGroups<Result> results{};
@@ -170,20 +205,17 @@ public:
         results.bunch = (groups + Results::most_bunches - 1) / Results::most_bunches;
         if (of_groups_.size() < groups * sizeof(Result) || of_ != &detail::kind_of<Result>) {
             of_ = &detail::kind_of<Result>;
-            of_groups_.renew(groups * sizeof(Result));
+            of_groups_.renew((groups + groups / 8) * sizeof(Result)); // all devices wait while one allocates
             std::size_t const all = of_groups_.memory() / sizeof(Result);
             of_groups_.renew(all * sizeof(Result));
             launch_after("fill", queue_, detail::fill<Result>, groups_of(all, 256), 256,
                          reinterpret_cast<Result*>(of_groups_.data()), all, Result{});
         }
         of_bunches_.renew(std::max(results.bunches() * sizeof(Result), of_bunches_.size()));
+        held_.renew(1);
         results.of_groups = reinterpret_cast<Result*>(of_groups_.data());
         results.of_bunches = reinterpret_cast<Result*>(of_bunches_.data());
-        detail::ToldByDevices const all{told, count, stride, devices, room_};
-        launch_after("put_results", queue_, detail::put_results<Result>,
-                     groups_of(std::size_t(devices) * room_, 128), 128, all, results.of_groups);
-        launch_after("merge_told", queue_, detail::merge_told<Result>, results.bunches(), 32, all, results);
-        return {results.of_bunches, results.bunches()};
+        return {{told, count, stride, devices, room_}, results, held_.data()};
     }
 
     /// When the host knows how many results each device has listed: whether there was room for all. There is
@@ -203,6 +235,7 @@ public:
 private:
     Queue queue_;
     Array<unsigned char> of_groups_, of_bunches_; ///< of all devices; those of groups are empty between calls
+    Array<std::uint32_t> held_;                   ///< see Partial
     void const* of_ = nullptr;                    ///< which kind of results they are
     std::uint32_t room_ = fewest;                 ///< for so many listed results
 };

@@ -44,8 +44,9 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
     if (Items::bytes(teams) + declared > given_shared) allow_shared(cells.queue(), loop, Items::bytes(teams));
     Moved<typename LayerType::Number, Phase::d, Result> const moved{leavers, cells.destinations(),
                                                                     cells.left(), results};
-    launch("move", cells.queue(), loop, layer.blocks(), teams * Items::team_threads, Items::bytes(teams),
-           signal, phase, cells.view(), layer.view(), moved);
+    if (std::uint32_t const groups = cells.groups(layer.blocks()); groups > 0)
+        launch("move", cells.queue(), loop, groups, teams * Items::team_threads, Items::bytes(teams), signal,
+               phase, cells.view(), layer.view(), moved);
     return layer.item_results().template partial<Result>();
 }
 
@@ -53,7 +54,8 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
 template <class Phase, class Order, class GridType>
 void start_scattering_leavers(Order const& cells, GridType& grid)
 {
-    if (grid.blocks() == 0) return;
+    std::uint32_t const groups = cells.groups(grid.blocks());
+    if (groups == 0) return;
     ScatterIncoming<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(), cells.leavers(),
                                                           grid.view()};
     using Tiles = SharedTiles<GridType>;
@@ -64,8 +66,8 @@ void start_scattering_leavers(Order const& cells, GridType& grid)
             if (teams == 1) return scatter_leavers<1, Order, GridType, Phase>;
         return scatter_leavers<most_teams_that_rebin, Order, GridType, Phase>;
     }();
-    launch("scatter_leavers", cells.queue(), loop, std::min(grid.blocks(), 4096u), teams * block_threads,
-           Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
+    launch("scatter_leavers", cells.queue(), loop, std::min(groups, 4096u), teams * block_threads,
+           Tiles::bytes(false, true, teams), cells.signal(), groups, scatter);
 }
 } // namespace detail
 

@@ -20,17 +20,18 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
 {
-    if (signal.stops() || !cells.has(blockIdx.x)) return;
-    ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
-    items.read(grid, blockIdx.x);
+    if (signal.stops()) return;
+    std::uint32_t const block = cells.block(blockIdx.x);
+    ItemsOfBlock<Order, GridType, Phase> items(cells, block);
+    items.read(grid, block);
     items.for_each(
         [&](auto& item, std::uint32_t i) {
             phase.prepare(item);
             items.store(item, i);
         },
         [&](bool is_first) {
-            items.scatter(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes,
-                          afresh && is_first, [] {});
+            items.scatter(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, afresh && is_first,
+                          [] {});
         });
 }
 
@@ -74,16 +75,18 @@ struct ScatterIncoming
     }
 };
 
-/// The same for all blocks once their order is written, with at most `most` teams. A thread in a small group
-/// uses more registers, which costs more than it gains where there are many blocks. In double precision the
-/// compiler is not told that a group may use all registers, because it would use more than there are.
+/// The same for all `groups` blocks that are here once their order is written, with at most `most` teams. A
+/// thread in a small group uses more registers, which costs more than it gains where there are many blocks.
+/// In double precision the compiler is not told that a group may use all registers, because it would use more
+/// than there are.
 template <unsigned most, class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
-    scatter_leavers(Signal signal, std::uint32_t blocks, ScatterIncoming<Order, GridType, Phase> scatter)
+    scatter_leavers(Signal signal, std::uint32_t groups, ScatterIncoming<Order, GridType, Phase> scatter)
 {
     if (signal.stops()) return;
-    for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
+    for (std::uint32_t group = blockIdx.x; group < groups; group += gridDim.x) {
+        std::uint32_t const block = scatter.cells.block(group);
         std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
                             begin = scatter.arrived.begin[c];
         scatter(block, {begin, scatter.arrived.begin[c + 1] - begin},

@@ -11,6 +11,19 @@
 namespace firn::cuda::detail
 {
 
+/// Takes a place in one of several lists, behind those that others have taken: `counts` counts them. One
+/// thread of a warp asks for all that ask there, or all of a device would wait for one another.
+static __device__ std::uint32_t take_place(std::uint32_t* counts, std::uint32_t which)
+{
+    std::uint32_t const with_me = __match_any_sync(__activemask(), which), lane = threadIdx.x % 32;
+    int const first = __ffs(static_cast<int>(with_me)) - 1;
+    std::uint32_t begin = 0;
+    if (static_cast<int>(lane) == first)
+        begin = atomicAdd(counts + which, static_cast<std::uint32_t>(__popc(with_me)));
+    return __shfl_sync(with_me, begin, first) +
+           static_cast<std::uint32_t>(__popc(with_me & ((1u << lane) - 1)));
+}
+
 /// A leaver whose new cell is not here.
 struct Stray
 {
@@ -19,7 +32,7 @@ struct Stray
     std::uint32_t block;     ///< its new one, or absent if that does not exist
 };
 
-/// What a search for the new cells of leavers has found.
+/// What a search for the new cells of leavers has found. All is 0 before.
 struct Searched
 {
     std::uint32_t leavers; ///< how many there are; if there was no room for all of them, nothing else holds
@@ -27,57 +40,77 @@ struct Searched
     std::uint32_t births;     ///< blocks that are missing
     std::uint32_t live;       ///< blocks that hold items when those have come that stay on this device
     std::uint32_t lacks_room; ///< 1 if there was no room for all leavers
+    std::uint32_t through;    ///< groups of threads that have searched
 };
 
-/// Finds the new cells of leavers, and lists those whose blocks are not here. Requests blocks that are
-/// missing.
-/// Counts those that go to each rank.
-template <int d, class Number>
-__global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, std::uint32_t const* owners,
-                                std::uint32_t rank, Stray* strays, Searched* searched,
-                                std::uint32_t* of_ranks)
+inline constexpr unsigned searching_threads = 256, most_searching_groups = 2048;
+
+/// Finds the new cells of an order's leavers, and lists those whose blocks are not here. Requests blocks that
+/// are missing. Counts what goes to each rank.
+template <int dimension, class Number>
+struct SearchHere
 {
-    std::uint32_t const leaver = blockIdx.x * blockDim.x + threadIdx.x, count = leavers.counters->outgoing;
-    if (leaver >= count || count > leavers.most) return;
-    std::uint32_t const from = leavers.cell[leaver], way = leavers.way[leaver];
-    std::uint32_t block = from / BlockShape<d>::cells;
-    WayOut<d> const out(from % BlockShape<d>::cells, way);
-    if (out.leaves_block) {
-        Coordinates<d> const left = block_of_key<d>(to.keys[block]);
-        block = to.set.find(block_key<d>(to.periods.wrapped(left + out.beyond)));
-        if (block == absent)
-            out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
-        if (block == absent || owners[block] != rank) {
-            if (block != absent) atomicAdd(of_ranks + owners[block], 1u);
-            strays[atomicAdd(&searched->strays, 1u)] = {leaver, leavers.slot[leaver], from, way, block};
-            return;
-        }
+    static constexpr int d = dimension;
+
+    std::uint32_t blocks; ///< 0: there are no items
+    Leavers<Number> leavers;
+    Destinations<d> to;
+    std::uint32_t const* owners; ///< which device has a block
+    std::uint32_t rank;          ///< this one
+    Stray* strays;
+    Searched* searched;
+    std::uint32_t* of_ranks;
+
+    /// How many groups of threads do so.
+    unsigned groups() const
+    {
+        std::size_t const most = leavers.most > blocks ? leavers.most : blocks;
+        unsigned const all = groups_of(most, searching_threads);
+        return blocks == 0 ? 0 : all < most_searching_groups ? all : most_searching_groups;
     }
-    arrive(leavers, to.changes, leaver, block, out.place);
-}
 
-/// Completes what such a search tells.
-static __global__ void tell_searched(LeaverCounters const* counters, std::uint32_t most,
-                                     std::uint32_t const* born, Changes changes, std::uint32_t blocks,
-                                     Searched* searched)
-{
-    std::uint32_t const b = blockIdx.x * blockDim.x + threadIdx.x;
-    bool const holds = b < blocks && changes.block_stay[b] + changes.block_arrived[b] > 0;
-    std::uint32_t const with_me = __ballot_sync(~0u, holds);
-    if (threadIdx.x % 32 == 0) atomicAdd(&searched->live, static_cast<std::uint32_t>(__popc(with_me)));
-    if (b > 0) return;
-    searched->leavers = counters->outgoing;
-    searched->lacks_room = counters->outgoing > most;
-    searched->births = *born;
-}
+    /// Called by all threads of each of these groups.
+    __device__ void operator()(std::uint32_t group, std::uint32_t all_groups) const
+    {
+        std::uint32_t const first = group * blockDim.x + threadIdx.x, stride = all_groups * blockDim.x,
+                            count = leavers.counters->outgoing;
+        std::uint32_t live = 0;
+        for (std::uint32_t b = first; b < blocks; b += stride) live += to.changes.block_stay[b] > 0;
+        if (count <= leavers.most)
+            for (std::uint32_t leaver = first; leaver < count; leaver += stride) live += find(leaver);
+#pragma unroll
+        for (int step = 16; step > 0; step /= 2) live += __shfl_down_sync(~0u, live, step);
+        if (threadIdx.x % 32 == 0 && live > 0) atomicAdd(&searched->live, live);
+        __syncthreads();
+        if (threadIdx.x != 0) return;
+        __threadfence();
+        if (atomicAdd(&searched->through, 1u) + 1 < all_groups) return;
+        searched->births = __ldcg(to.set.born_count);
+        searched->leavers = count;
+        searched->lacks_room = count > leavers.most;
+    }
 
-/// Tells the host the first words of what each device has told; called by a group of threads for each.
-static __global__ void tell_heads(unsigned char const* told, std::size_t stride, std::size_t words,
-                                  std::uint32_t* host)
-{
-    auto const* const from = reinterpret_cast<std::uint32_t const*>(told + blockIdx.x * stride);
-    for (std::size_t i = threadIdx.x; i < words; i += blockDim.x) host[blockIdx.x * words + i] = from[i];
-}
+private:
+    /// Returns whether a block holds items that would not without this one.
+    __device__ bool find(std::uint32_t leaver) const
+    {
+        std::uint32_t const from = leavers.cell[leaver], way = leavers.way[leaver];
+        std::uint32_t block = from / BlockShape<d>::cells;
+        WayOut<d> const out(from % BlockShape<d>::cells, way);
+        if (out.leaves_block) {
+            Coordinates<d> const left = block_of_key<d>(to.keys[block]);
+            block = to.set.find(block_key<d>(to.periods.wrapped(left + out.beyond)));
+            if (block == absent)
+                out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
+            if (block == absent || owners[block] != rank) {
+                if (block != absent) take_place(of_ranks, owners[block]);
+                strays[take_place(&searched->strays, 0)] = {leaver, leavers.slot[leaver], from, way, block};
+                return false;
+            }
+        }
+        return arrive(leavers, to.changes, leaver, block, out.place) && to.changes.block_stay[block] == 0;
+    }
+};
 
 /// Leavers, of which those from `first` on came from other devices.
 template <class Number>
@@ -123,7 +156,7 @@ static __global__ void list_by_rank(Stray const* strays, std::uint32_t count, st
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
     if (i >= count) return;
     Stray const stray = strays[i];
-    std::uint32_t const at = atomicAdd(cursors + owners[stray.block], 1u);
+    std::uint32_t const at = take_place(cursors, owners[stray.block]);
     sorted[at] = stray;
     places[at] = stray.slot;
 }

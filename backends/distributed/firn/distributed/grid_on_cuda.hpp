@@ -141,8 +141,11 @@ public:
 
     void activate(Orders const& orders)
     {
-        for (std::size_t l = 0; l < count_of_layers; ++l) this->reserve_tiles(l, orders[l]->blocks());
+        bool const is_first = this->node_blocks() == 0 && orders[0]->communicator().size() > 1;
+        for (std::size_t l = 0; l < count_of_layers; ++l) this->reserve_tiles(l, orders[l]->blocks(), true);
         Local::activate(orders);
+        for (std::size_t l = 0; is_first && l < count_of_layers; ++l)
+            this->reserve_tiles(l, orders[l]->blocks() + orders[l]->blocks() / 16, false);
         are_old_ = true;
     }
     void swap()
@@ -278,7 +281,7 @@ private:
         /// Adds what goes to each rank, or comes from it; `packed` are all parts.
         void add_messages(std::vector<DeviceMessage>& to, cuda::Array<Sums>& packed) const
         {
-            packed.renew(begin.back());
+            packed.renew_amply(begin.back());
             for (std::size_t r = 0; r + 1 < begin.size(); ++r)
                 if (begin[r] < begin[r + 1])
                     to.push_back({static_cast<int>(r), reinterpret_cast<std::byte*>(packed.data() + begin[r]),
@@ -307,7 +310,7 @@ private:
                     *next++ = part;
                 }
             }
-            there.renew(count);
+            there.renew_amply(count);
             cuda::copy_queued(queue_, there.data(), static_cast<Part const*>(all), count);
         }
         void set_all(std::vector<Part> const& whole_tiles)
@@ -324,7 +327,7 @@ private:
 
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
     {
-        packed.renew(parts.begin.back());
+        packed.renew_amply(parts.begin.back());
         copy(layer, parts, packs, packed, queue_);
     }
     /// The same in another queue, where there is room for them.

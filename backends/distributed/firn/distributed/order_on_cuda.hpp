@@ -33,7 +33,7 @@ class CellOrder<cuda::CellOrder<Number, d>, C, Number, d> : public OwnedOrder<C,
 
 public:
     using typename cuda::CellOrder<Number, d>::Offset;
-    using Owned::coming, Owned::has, Owned::keys, Owned::owner, Owned::owners;
+    using Owned::coming, Owned::has, Owned::keys, Owned::owner, Owned::owners, Owned::with_room;
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
@@ -265,8 +265,8 @@ private:
         this->order_before_.renew(listed_);
         if (count == 0) return;
         this->leavers_.grow(listed_, this->channels_);
-        origins_.renew(count);
-        list_.renew(count);
+        origins_.renew_amply(count);
+        list_.renew_amply(count);
         cuda::launch_after("number_from", this->queue_, cuda::detail::number_from,
                            cuda::groups_of(count, 256), 256, first, count,
                            this->leavers_.slot.data() + searched_.leavers);
@@ -284,7 +284,11 @@ private:
         this->find_block_begins();
         this->offset_ = offset;
         this->rebinned_blocks_ = this->blocks();
-        this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count);
+        // all ranks wait while one allocates
+        if (count * sizeof(std::uint32_t) > this->order_.memory()) this->order_.resize(with_room(count));
+        cuda::detail::PartOfBlocks const part = this->part();
+        this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count, &part);
+        if (count > this->left_.memory()) this->left_.renew(with_room(count));
         this->left_.renew(std::max<std::size_t>(count, this->left_.size()));
     }
 

@@ -40,20 +40,25 @@ public:
     /// The cells as loops see them, which leave the blocks of other ranks alone.
     struct View : Local::View
     {
-        unsigned char const* here; ///< per block: 1 if this rank has it
-        __device__ bool has(std::uint32_t block) const { return here[block] != 0; }
+        unsigned char const* here;   ///< per block: 1 if this rank has it
+        std::uint32_t const* blocks; ///< those that it has
+        __device__ std::uint32_t block(std::uint32_t group) const { return blocks[group]; }
         static constexpr bool forgets_incoming = true; // into other ranks' blocks none ever come
     };
 
     template <class Backend>
     explicit OwnedOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
-          here_(backend), strays_(backend), search_(backend), owners_(backend), told_(backend.queue()),
-          shared_(backend.queue()), count_(backend)
+          here_(backend), strays_(backend), search_(backend), owners_(backend), blocks_here_(backend),
+          told_(backend.queue()), shared_(backend.queue()), count_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
-    View view() const { return {Local::view(), here_.data()}; }
+    View view() const { return {Local::view(), here_.data(), blocks_here_.data()}; }
+    std::uint32_t groups(std::uint32_t of_blocks) const
+    {
+        return static_cast<std::uint32_t>(std::ranges::lower_bound(own_, of_blocks) - own_.begin());
+    }
     /// The rank that has a block of cells.
     int owner(Coordinates<d> const& block) const
     {
@@ -62,6 +67,11 @@ public:
     /// Of all blocks.
     std::span<std::uint64_t const> keys() const { return of_all_.keys(); }
     std::span<int const> owners() const { return of_all_.owners(); }
+    /// The blocks that this rank has.
+    cuda::detail::PartOfBlocks part() const
+    {
+        return {blocks_here_.data(), static_cast<std::uint32_t>(own_.size()), here_.data(), this->blocks()};
+    }
     std::uint32_t const* owners_there() const { return owners_.data(); } ///< on the device
     /// Changes whenever these do.
     std::uint64_t ownership() const { return of_all_.version(); }
@@ -86,6 +96,8 @@ public:
     {
         Local::insert(cells, count, first, [&] { return births_of_all_ranks(this->set_.births()); });
         find_owners();
+        // ahead of need, since all ranks wait while one allocates
+        if (communicator_.size() > 1) this->reserve_blocks(this->blocks() + this->blocks() / 16);
         all_ = sum_of_ranks(communicator_, this->size());
         knows_live_here_ = false;
     }
@@ -95,6 +107,10 @@ public:
         knows_live_here_ = false;
         all_ = sum_of_ranks(communicator_, this->size());
     }
+
+    /// Room for so many items, with a spare: a rank has at most a twentieth more than its share for long (see
+    /// Partition).
+    static std::size_t with_room(std::size_t items) { return items + items / 16; }
 
     /// Items find their new cells in depart().
     cuda::detail::Destinations<d> destinations()
@@ -116,23 +132,21 @@ public:
         this->leavers_.counters.fill_bytes(0, 1, 0);
         return leavers;
     }
-    /// Queues the search for the new cells of items that have moved, which tells at `to` what SearchOfRanks
-    /// has of a rank; zero before. The loop that moves items does not search, since it does not know which
-    /// blocks are here.
-    void search(std::uint32_t* to)
+    /// What searches for the new cells of items that have moved, and tells at `to` what SearchOfRanks has of
+    /// a rank; zero before. The loop that moves items does not search, since it does not know which blocks
+    /// are here.
+    cuda::detail::SearchHere<d, Number> search(std::uint32_t* to)
     {
-        if (this->blocks() == 0) return;
-        cuda::OnDevice const here(this->queue_);
+        if (this->blocks() == 0) return {};
         strays_.renew(this->leavers_.most);
-        auto* const searched = reinterpret_cast<Searched*>(to);
-        cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
-                           cuda::groups_of(this->leavers_.most, 256), 256, this->leavers(), destinations(),
-                           owners_.data(), static_cast<std::uint32_t>(communicator_.rank()), strays_.data(),
-                           searched, to + SearchOfRanks::words_of_searched);
-        cuda::launch_after("tell_searched", this->queue_, cuda::detail::tell_searched,
-                           cuda::groups_of(this->blocks(), 128), 128, this->leavers_.counters.data(),
-                           static_cast<std::uint32_t>(this->leavers_.most), this->set_.born_count(),
-                           this->changes(), this->blocks(), searched);
+        return {this->blocks(),
+                this->leavers(),
+                destinations(),
+                owners_.data(),
+                static_cast<std::uint32_t>(communicator_.rank()),
+                strays_.data(),
+                reinterpret_cast<Searched*>(to),
+                to + SearchOfRanks::words_of_searched};
     }
     /// Reads what all ranks have found, which was shared by the first order of cells; returns whether all had
     /// room for their leavers. If not, makes it.
@@ -155,7 +169,10 @@ public:
             find_owners(before);
             search_.renew(words);
             search_.fill_bytes(0, words, 0);
-            search(search_.data());
+            std::array const again{search(search_.data())};
+            cuda::launch_after("search_step", this->queue_,
+                               cuda::detail::search_step<cuda::detail::SearchHere<d, Number>, 1>,
+                               again[0].groups(), cuda::detail::searching_threads, again, again[0].groups());
             auto const all = of_all_ranks(communicator_, downloaded(search_, words));
             hear({all.data(), words});
         }
@@ -229,19 +246,27 @@ protected:
         this->set_.download_keys(kept, keys);
         of_all_.set(kept, keys, [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
         auto const owners = this->owners().subspan(kept);
+        while (!own_.empty() && own_.back() >= kept) own_.pop_back();
+        std::size_t const own_before = own_.size();
         // the host has waited since these were copied last
-        auto* const told = told_.template as<std::uint32_t>(2 * owners.size());
-        auto* const here = reinterpret_cast<unsigned char*>(told + owners.size());
+        auto* const told = told_.template as<std::uint32_t>(3 * owners.size());
+        auto* const here = reinterpret_cast<unsigned char*>(told + 2 * owners.size());
         for (std::size_t b = 0; b < owners.size(); ++b) {
             told[b] = static_cast<std::uint32_t>(owners[b]);
             here[b] = owners[b] == communicator_.rank();
+            if (here[b] != 0) own_.push_back(static_cast<std::uint32_t>(kept + b));
         }
+        std::size_t const more = own_.size() - own_before;
+        std::copy_n(own_.end() - static_cast<std::ptrdiff_t>(more), more, told + owners.size());
         owners_.resize(this->blocks());
         here_.resize(this->blocks());
+        blocks_here_.resize(own_.size());
         cuda::copy_queued(this->queue_, owners_.data() + kept, static_cast<std::uint32_t const*>(told),
                           owners.size());
         cuda::copy_queued(this->queue_, here_.data() + kept, static_cast<unsigned char const*>(here),
                           owners.size());
+        cuda::copy_queued(this->queue_, blocks_here_.data() + own_before,
+                          static_cast<std::uint32_t const*>(told + owners.size()), more);
     }
 
     /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
@@ -325,6 +350,8 @@ protected:
     cuda::Array<unsigned char> here_;
     cuda::Array<Stray> strays_;
     cuda::Array<std::uint32_t> search_, owners_;
+    std::vector<std::uint32_t> own_;              ///< the blocks of this rank, in their order
+    cuda::Array<std::uint32_t> blocks_here_;      ///< the same on the device
     cuda::HostMemory told_;                       ///< which ranks have blocks, on the way to the device
     SharedResults shared_;                        ///< used of the first order of cells
     std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/results_of_devices.hpp>
+#include <firn/cuda/share_step.hpp>
 #include <firn/cuda/strays.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
@@ -13,6 +14,7 @@
 #include <cstdint>
 #include <tuple>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 // What the loops of a step have found on the devices of all ranks becomes known to all of these, once a step
@@ -75,14 +77,15 @@ public:
     /// Called when the items of all orders have moved: queues the search for their new cells, what this rank
     /// tells, and merging what all have told. `again`: since more was listed than there was room for; new
     /// cells have been found.
-    template <class C, class Order, std::size_t orders, class OfNodes, class... OfItems>
+    template <class C, class Order, std::size_t orders, class OfNodes, class OfItems, class... Others>
     void share(C const& communicator, std::array<Order*, orders> const& cells, Found<OfNodes>& of_nodes,
-               std::tuple<Found<OfItems>...>& of_items, bool again)
+               std::tuple<Found<OfItems>, Others...>& of_items, bool again)
     {
+        static_assert(orders == 1 + sizeof...(Others));
         cuda::OnDevice const here(queue_);
         auto const ranks = static_cast<std::uint32_t>(communicator.size());
         std::size_t const of_order = SearchOfRanks::words(communicator.size()), searches = orders * of_order,
-                          words = searches + 1 + sizeof...(OfItems);
+                          words = searches + 1 + orders;
         std::size_t const head = (words * sizeof(std::uint32_t) + 15) / 16 * 16;
         std::size_t bytes = head;
         bool const are_more = ranks > 1;
@@ -92,23 +95,33 @@ public:
             });
         own_.resize(bytes, std::min(head, own_.size()));
         auto* const told = reinterpret_cast<std::uint32_t*>(own_.data());
-        std::size_t const kept = again ? searches * sizeof(std::uint32_t) : 0;
-        own_.fill_bytes(kept, head - kept, 0);
+        if (std::exchange(cleared_, 0) < head) own_.fill_bytes(0, head, 0);
+        if (again) // the host has heard it
+            cuda::copy_queued(queue_, told,
+                              heads_.get<std::uint32_t const>() + std::size_t(communicator.rank()) * words,
+                              searches);
+
         std::size_t next = head;
-        if (are_more)
+        cuda::detail::TellStep<OfNodes, OfItems, orders> tell{};
+        if (are_more) {
             for_each_loop(of_nodes, of_items, [&]<class Result>(Found<Result>& of, std::size_t loop) {
                 if (!of.here) return;
-                of.all->template tell<Result>(*of.here, of.which, told + searches + loop, own_.data() + next);
+                loop_of<Result>(tell, loop) = of.all->template tell<Result>(
+                    *of.here, of.which, told + searches + loop, own_.data() + next);
                 next += of.all->template bytes<Result>();
             });
-        if (!again)
-            for (std::size_t k = 0; k < orders; ++k) cells[k]->search(told + k * of_order);
+            cuda::launch_after("tell_step", queue_, cuda::detail::tell_step<OfNodes, OfItems, orders>,
+                               tell.groups, cuda::detail::telling_threads, tell);
+        }
+        if (!again) search(cells, told, of_order);
         unsigned char const* all = own_.data();
         if (are_more) {
             all_.renew(bytes * ranks);
             exchange_.gather(communicator, own_.data(), bytes, all_.data());
             all = all_.data();
         }
+
+        cuda::detail::HearStep<OfNodes, OfItems, orders> hear{};
         next = head;
         for_each_loop(of_nodes, of_items, [&]<class Result>(Found<Result>& of, std::size_t loop) {
             if (!of.here) return;
@@ -117,12 +130,28 @@ public:
                 return;
             }
             auto const* const counts = reinterpret_cast<std::uint32_t const*>(all) + searches + loop;
-            of.merged = of.all->template merge<Result>(of.here->count(), ranks, counts, all + next, bytes);
+            auto& merge = loop_of<Result>(hear, loop);
+            merge = of.all->template merge<Result>(of.here->count(), ranks, counts, all + next, bytes);
+            of.merged = {merge.results.of_bunches, merge.results.bunches(), merge.held};
             next += of.all->template bytes<Result>();
         });
+        hear.set_groups();
         words_ = words;
-        cuda::launch_after("tell_heads", queue_, cuda::detail::tell_heads, ranks, 64, all, bytes, words,
-                           heads_.as<std::uint32_t>(words * ranks));
+        cuda::detail::Heads const heads{all,
+                                        bytes,
+                                        words,
+                                        ranks,
+                                        heads_.as<std::uint32_t>(words * ranks),
+                                        told,
+                                        head / sizeof(std::uint32_t)};
+        constexpr unsigned loops = 1 + orders;
+        cuda::launch_after("hear_step", queue_, cuda::detail::hear_step<OfNodes, OfItems, orders>,
+                           ranks + loops * hear.putting, cuda::detail::MergeTold<OfNodes>::putting_threads,
+                           hear, heads);
+        if (hear.merging > 0)
+            cuda::launch_after("merge_step", queue_, cuda::detail::merge_step<OfNodes, OfItems, orders>,
+                               loops * hear.merging, cuda::detail::MergeTold<OfNodes>::merging_threads, hear);
+        cleared_ = head;
     }
 
     /// Called when the host has waited, while all ranks have had room for their leavers: whether there was
@@ -159,10 +188,38 @@ private:
         std::apply([&](auto&... of) { (use(of, ++loop), ...); }, of_items);
     }
 
+    /// Queues the search for the new cells of all orders' items.
+    template <class Order, std::size_t orders>
+    void search(std::array<Order*, orders> const& cells, std::uint32_t* told, std::size_t of_order)
+    {
+        std::array<decltype(cells[0]->search(told)), orders> search{};
+        unsigned each = 0;
+        for (std::size_t k = 0; k < orders; ++k) {
+            search[k] = cells[k]->search(told + k * of_order);
+            each = std::max(each, search[k].groups());
+        }
+        if (each > 0)
+            cuda::launch_after(
+                "search_step", queue_, cuda::detail::search_step<decltype(cells[0]->search(told)), orders>,
+                static_cast<unsigned>(orders) * each, cuda::detail::searching_threads, search, each);
+    }
+    /// What is to be done with the results of a loop of this number, in a step.
+    template <class Result, class Step>
+    static auto& loop_of(Step& step, std::size_t loop)
+    {
+        if constexpr (std::is_same_v<decltype(step.nodes), std::remove_cvref_t<decltype(step.items[0])>>)
+            return loop == 0 ? step.nodes : step.items[loop - 1];
+        else if constexpr (std::is_same_v<Result, typename Step::OfNodes>)
+            return step.nodes;
+        else
+            return step.items[loop - 1];
+    }
+
     cuda::Queue queue_;
     cuda::Array<unsigned char> own_, all_;
-    cuda::HostMemory heads_; ///< what each rank tells at first
-    std::size_t words_ = 0;  ///< of one rank
+    std::size_t cleared_ = 0; ///< bytes at the beginning of what this rank tells that are 0
+    cuda::HostMemory heads_;  ///< what each rank tells at first
+    std::size_t words_ = 0;   ///< of one rank
     DeviceExchange exchange_;
 };
 

@@ -77,7 +77,7 @@ public:
                              auto const& counts) {
             std::size_t bytes = 0;
             for (auto const count : counts) bytes += bytes_of(count, fields);
-            buffer.renew(bytes);
+            buffer.renew_amply(bytes);
             auto* next = buffer.data();
             for (std::size_t rank = 0; rank < counts.size(); ++rank)
                 if (counts[rank] > 0) {
@@ -134,7 +134,7 @@ public:
     {
         std::uint32_t const gone = all - count;
         if (gone == 0) return;
-        for (auto* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) array->renew(gone);
+        for (auto* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) array->renew_amply(gone);
         counts_.renew(2);
         counts_.fill_bytes(0, 2, 0);
         is_gone_.fill_bytes(0, gone, 0);
@@ -204,10 +204,10 @@ private:
         std::exclusive_scan(leaving.begin(), leaving.end(), begins, std::uint32_t{0});
         std::uint32_t const count = begins[leaving.size() - 1] + leaving.back();
         if (count == 0) return;
-        cursors_.renew(leaving.size());
+        cursors_.renew_amply(leaving.size());
         cuda::copy_queued(queue_, cursors_.data(), static_cast<std::uint32_t const*>(begins), leaving.size());
-        sorted_.renew(count);
-        gone_.renew(count);
+        sorted_.renew_amply(count);
+        gone_.renew_amply(count);
         cuda::launch_after("list_by_rank", queue_, cuda::detail::list_by_rank, cuda::groups_of(count, 256),
                            256, strays.data(), count, owners, cursors_.data(), sorted_.data(), gone_.data());
     }
