@@ -243,6 +243,7 @@ private:
         grid.show(distributed::Nodes::own, exchanges ? Where::inside : Where::anywhere);
         local.for_each_node(orders, grid, phase);
         if (!exchanges) return;
+        grid.go_on_with_exchange();
         grid.end_exchange();
         grid.show(distributed::Nodes::own, Where::at_borders);
         local.for_each_node(orders, grid, phase);

@@ -63,8 +63,8 @@ public:
         : Local(backend, periods), queue_(backend.queue()), lists_{cuda::Array<std::uint32_t>(queue_),
                                                                    cuda::Array<std::uint32_t>(queue_),
                                                                    cuda::Array<std::uint32_t>(queue_)},
-          kinds_(backend), borders_(queue_), borders_here_(queue_), counts_(queue_), found_by_nodes_(queue_),
-          of_other_nodes_(queue_), exchange_(queue_), side_(queue_)
+          kinds_(backend), borders_(queue_), of_groups_(queue_), counts_(queue_), counts_of_parts_(queue_),
+          told_(queue_), found_by_nodes_(queue_), of_other_nodes_(queue_), exchange_(queue_), side_(queue_)
     {
         bool const are_more = backend.communicator.size() > 1;
         if (are_more) this->node_results().keep_apart();
@@ -173,9 +173,13 @@ public:
     /// See the primary template.
     void exchange(Orders const& orders, int distance)
     {
-        if (begin_exchange(orders, distance)) end_exchange();
+        if (!begin_exchange(orders, distance)) return;
+        go_on_with_exchange();
+        end_exchange();
     }
-    /// Begins it, if there is anything to exchange; nodes at borders have to wait until it has ended.
+    /// Begins it, if there is anything to exchange: packs what is to travel. Nodes at borders have to wait
+    /// until it has ended, and others need not. It takes the host some 20 us to let it travel, so that loops
+    /// over others are best queued before that.
     bool begin_exchange(Orders const& orders, int distance)
     {
         std::array<std::uint64_t, count_of_layers> ownership;
@@ -190,18 +194,23 @@ public:
             find_borders(orders);
         }
         are_old_ = false;
-        std::vector<DeviceMessage> to, from;
+        to_.clear();
+        from_.clear();
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            sent_[l].add_messages(to, leave_[l]);
-            came_[l].add_messages(from, arrive_[l]);
+            sent_[l].add_messages(to_, leave_[l]);
+            came_[l].add_messages(from_, arrive_[l]);
         }
         // where the host takes part, all ranks do
-        if (exchanges_beside && to.empty() && from.empty()) return false;
-        cuda::Queue const beside = exchanges_beside ? side_.begin() : queue_;
-        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, sent_[l], true, leave_[l], beside);
-        exchange_.in(beside, *communicator_, to, from);
-        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, came_[l], false, arrive_[l], beside);
+        if (exchanges_beside && to_.empty() && from_.empty()) return false;
+        beside_ = exchanges_beside ? side_.begin() : queue_;
+        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, sent_[l], true, leave_[l], beside_);
         return true;
+    }
+    /// Lets it travel.
+    void go_on_with_exchange()
+    {
+        exchange_.in(beside_, *communicator_, to_, from_);
+        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, came_[l], false, arrive_[l], beside_);
     }
     void end_exchange()
     {
@@ -274,8 +283,8 @@ private:
     struct Parts
     {
         cuda::Array<Part> there;
+        std::size_t count = 0;
         std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
-        PartsOfRanks of_ranks{};           ///< as they are listed
 
         explicit Parts(cuda::Queue const& queue) : there(queue), queue_(queue), here_(queue) {}
         /// Adds what goes to each rank, or comes from it; `packed` are all parts.
@@ -287,19 +296,12 @@ private:
                     to.push_back({static_cast<int>(r), reinterpret_cast<std::byte*>(packed.data() + begin[r]),
                                   (begin[r + 1] - begin[r]) * sizeof(Sums)});
         }
-        /// Of so many ranks, of which none has parts yet. Keeps the room of their lists.
-        void clear(std::size_t ranks)
+        /// Uploads what has been listed by rank. The host has waited since this was called last.
+        void set(PartsOfRanks const& of_ranks)
         {
-            of_ranks.resize(ranks);
-            for (auto& of_rank : of_ranks) of_rank.clear();
-        }
-        /// What has been listed. The host has waited since this was called last.
-        void set()
-        {
-            std::size_t count = 0;
+            count = 0;
             for (auto const& of_rank : of_ranks) count += of_rank.size();
-            if (count > room_) room_ = 2 * count;
-            auto* const all = here_.template as<Part>(room_);
+            auto* const all = here_.template as<Part>(count);
             auto* next = all;
             begin.assign(1, 0);
             for (auto const& of_rank : of_ranks) {
@@ -313,16 +315,21 @@ private:
             there.renew_amply(count);
             cuda::copy_queued(queue_, there.data(), static_cast<Part const*>(all), count);
         }
-        void set_all(std::vector<Part> const& whole_tiles)
+        void set_all(std::vector<Part> const& whole_tiles) { set(PartsOfRanks{whole_tiles}); }
+        /// So many have been listed on the device, of so many nodes for each rank; returns whether there was
+        /// room. There is then.
+        bool had_room(std::size_t listed, std::vector<std::size_t> const& begins)
         {
-            of_ranks.assign(1, whole_tiles);
-            set();
+            count = listed;
+            begin = begins;
+            if (count <= there.size()) return true;
+            there.renew_amply(2 * count);
+            return false;
         }
 
     private:
         cuda::Queue queue_;
         cuda::HostMemory here_; ///< one rank's behind the other's, on the way to the device
-        std::size_t room_ = 0;
     };
 
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
@@ -334,116 +341,111 @@ private:
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed,
               cuda::Queue const& in)
     {
-        if (parts.there.size() == 0) return;
+        if (parts.count == 0) return;
         cuda::OnDevice const here(in);
         cuda::launch_after("copy_parts", in, cuda::detail::copy_parts<TileShape, Sums, d>,
-                           static_cast<unsigned>(parts.there.size()), 64, parts.there.data(), packs,
+                           static_cast<unsigned>(parts.count), 64, parts.there.data(), packs,
                            this->tiles(layer).data(), packed.data());
     }
 
-    using Border = cuda::detail::BorderBlock<layer_count, Local::corners>;
+    using Above = cuda::detail::BlocksAbove<layer_count>;
 
     /// Finds out which nodes are updated here, and which parts of tiles ranks swap for it.
     void find_borders(Orders const& orders)
     {
+        std::uint32_t const blocks = this->node_blocks(), rank = std::uint32_t(communicator_->rank());
         auto const ranks = static_cast<std::size_t>(communicator_->size());
-        for (auto* const all : {&sent_, &came_})
-            for (Parts& parts : *all) parts.clear(ranks);
-        auto const borders = list_borders(orders);
-        if (looks_ <= 1)
-            for (Border const& border : borders) list_parts(border, orders);
-        for (std::size_t l = 0; l < count_of_layers; ++l) {
-            if (looks_ > 1) list_whole(*orders[l], sent_[l].of_ranks, came_[l].of_ranks);
-            sent_[l].set();
-            came_[l].set();
-        }
-    }
-    /// The blocks of nodes at borders, in their order.
-    std::vector<Border> list_borders(Orders const& orders)
-    {
-        std::uint32_t const blocks = this->node_blocks();
         kinds_.renew(blocks);
         listed_ = {};
-        if (blocks == 0) return {};
-        cuda::detail::BlocksAbove<layer_count> above{};
+        for (auto* const all : {&sent_, &came_})
+            for (Parts& parts : *all) parts.had_room(0, std::vector<std::size_t>(ranks + 1, 0));
+        if (blocks == 0) return;
+        Above above{};
         for (std::size_t l = 0; l < count_of_layers; ++l) {
             above.covered_by[l] = this->covered_by(l).data();
             above.owners[l] = orders[l]->owners_there();
         }
-        std::size_t const room = std::min<std::size_t>(blocks, std::max(border_room_, fewest_borders));
+        unsigned const groups = cuda::groups_of(blocks, cuda::detail::bordering_threads);
         borders_.renew(blocks);
-        borders_.fill_bytes(0, room, 0);
         for (auto& list : lists_) list.renew(blocks);
+        of_groups_.renew_amply(groups);
         counts_.renew(listed_.size());
         counts_.fill_bytes(0, listed_.size(), 0);
         cuda::launch_after(
-            "find_borders", queue_, cuda::detail::find_borders<layer_count, Local::corners>,
-            cuda::groups_of(blocks, 128), 128, above, blocks,
-            static_cast<std::uint32_t>(communicator_->rank()), kinds_.data(),
+            "find_borders", queue_, cuda::detail::find_borders<layer_count, Local::corners>, groups,
+            cuda::detail::bordering_threads, above, blocks, rank, kinds_.data(),
             cuda::detail::ListsOfNodes{counts_.data(), lists_[0].data(), lists_[1].data(), lists_[2].data()},
-            borders_.data());
-        // all at once, if there are not many more than before
-        auto* const told = borders_here_.template as<std::uint32_t>(
-            listed_.size() +
-            std::max(border_room_, fewest_borders) * (sizeof(Border) / sizeof(std::uint32_t)));
-        auto* const first = reinterpret_cast<Border*>(told + listed_.size());
-        cuda::copy_queued(queue_, told, static_cast<std::uint32_t const*>(counts_.data()), listed_.size());
-        cuda::copy_queued(queue_, first, static_cast<Border const*>(borders_.data()), room);
+            of_groups_.data());
+        if (looks_ <= 1) {
+            cuda::launch_after("list_borders", queue_, cuda::detail::list_borders, groups,
+                               cuda::detail::bordering_threads, kinds_.data(), blocks, of_groups_.data(),
+                               borders_.data(), counts_.data() + listed_.size() - 1);
+            list_parts(above, rank, ranks);
+            return;
+        }
+        tell_lists(nullptr, 0);
+        PartsOfRanks sent, came;
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            sent.assign(ranks, {});
+            came.assign(ranks, {});
+            list_whole(*orders[l], sent, came);
+            sent_[l].set(sent);
+            came_[l].set(came);
+        }
+    }
+    /// Waits until the host knows how many blocks of nodes each list has, and some other counts.
+    cuda::detail::CountsOfParts const* tell_lists(cuda::detail::CountsOfParts const* counts,
+                                                  std::size_t number)
+    {
+        using Counts = cuda::detail::CountsOfParts;
+        static_assert(sizeof(Counts) == sizeof listed_);
+        auto* const told = told_.template as<Counts>(1 + number);
+        cuda::copy_queued(queue_, reinterpret_cast<std::uint32_t*>(told),
+                          static_cast<std::uint32_t const*>(counts_.data()), listed_.size());
+        cuda::copy_queued(queue_, told + 1, counts, number);
         queue_.wait();
-        std::copy_n(told, listed_.size(), listed_.begin());
-        std::size_t const count = listed_[3];
-        std::vector<Border> listed(first, first + std::min(count, room));
-        if (count > room) {
-            listed.resize(count);
-            borders_.download(room, std::span(listed).subspan(room));
-            border_room_ = 2 * count;
-        }
-        std::vector<std::uint64_t> in_order(count);
-        for (std::size_t i = 0; i < count; ++i) in_order[i] = std::uint64_t{listed[i].node_block} << 32 | i;
-        std::ranges::sort(in_order);
-        std::vector<Border> sorted;
-        sorted.reserve(count);
-        for (auto const i : in_order) sorted.push_back(listed[static_cast<std::uint32_t>(i)]);
-        return sorted;
+        std::copy_n(reinterpret_cast<std::uint32_t const*>(told), listed_.size(), listed_.begin());
+        return told + 1;
     }
-    /// Lists the parts of tiles that ranks swap for a block of nodes: each sends its own to all others.
-    void list_parts(Border const& border, Orders const& orders)
+    /// Lists the parts of tiles that ranks swap for the blocks of nodes at borders.
+    void list_parts(Above const& above, std::uint32_t rank, std::size_t ranks)
     {
-        int const rank = communicator_->rank();
-        auto& others = others_above_; // the other ranks whose cells are above it
-        others.clear();
-        for_each_above(border, [&](std::size_t l, int, std::uint32_t block) {
-            int const owner = orders[l]->owners()[block];
-            if (owner != rank && std::ranges::find(others, owner) == others.end()) others.push_back(owner);
-        });
-        for_each_above(border, [&](std::size_t l, int corner, std::uint32_t block) {
-            int const owner = orders[l]->owners()[block];
-            if (owner != rank)
-                came_[l].of_ranks[std::size_t(owner)].push_back(part_of(block, corner));
-            else
-                for (int const other : others)
-                    sent_[l].of_ranks[std::size_t(other)].push_back(part_of(block, corner));
-        });
-    }
-    template <class Use>
-    static void for_each_above(Border const& border, Use const& use)
-    {
-        for (std::size_t l = 0; l < count_of_layers; ++l)
-            for (int corner = 0; corner < Local::corners; ++corner) {
-                auto const block = border.above[l * Local::corners + std::size_t(corner)];
-                if (block != cuda::absent) use(l, corner, block);
+        counts_of_parts_.renew_amply(count_of_layers * ranks);
+        auto const list = [&](bool counts_only) {
+            cuda::detail::ListsOfParts<d, layer_count> lists{};
+            lists.counts = counts_of_parts_.data();
+            lists.counts_only = counts_only;
+            for (std::size_t l = 0; l < count_of_layers; ++l) {
+                lists.sent[l] = sent_[l].there.data();
+                lists.came[l] = came_[l].there.data();
+                lists.room_sent[l] = static_cast<std::uint32_t>(sent_[l].there.size());
+                lists.room_came[l] = static_cast<std::uint32_t>(came_[l].there.size());
             }
-    }
-    /// The part of a tile in the block of nodes that lies `corner` behind the tile's block.
-    static Part part_of(std::uint32_t block, int corner)
-    {
-        Part part{block, 0, {}, {}};
-        for (int a = 0; a < d; ++a) {
-            bool const is_behind = ((corner >> (d - 1 - a)) & 1) != 0;
-            part.begin[std::size_t(a)] = is_behind ? Shape::extent : 0;
-            part.end[std::size_t(a)] = is_behind ? TileShape::width : Shape::extent;
+            cuda::launch_after(
+                "list_parts", queue_,
+                cuda::detail::list_parts<d, layer_count, Local::corners, Shape::extent, TileShape::width>,
+                static_cast<unsigned>(count_of_layers * ranks), cuda::detail::scanning_threads, above,
+                borders_.data(), counts_.data() + listed_.size() - 1, rank, static_cast<std::uint32_t>(ranks),
+                lists);
+        };
+        list(true);
+        list(false); // mostly there is room
+        auto const* const counts = tell_lists(counts_of_parts_.data(), count_of_layers * ranks);
+        bool had_room = true;
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            std::size_t sent = 0, came = 0;
+            std::vector<std::size_t> sent_begin{0}, came_begin{0};
+            for (std::size_t r = 0; r < ranks; ++r) {
+                auto const& of_rank = counts[l * ranks + r];
+                sent += of_rank.sent;
+                came += of_rank.came;
+                sent_begin.push_back(sent_begin.back() + of_rank.nodes_sent);
+                came_begin.push_back(came_begin.back() + of_rank.nodes_came);
+            }
+            had_room = sent_[l].had_room(sent, sent_begin) && had_room;
+            had_room = came_[l].had_room(came, came_begin) && had_room;
         }
-        return part;
+        if (!had_room) list(false);
     }
     /// Lists whole tiles, where nodes look at others: those of blocks up to `looks_` away from another
     /// rank's.
@@ -483,17 +485,17 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
-    static constexpr std::size_t fewest_borders = 1024;
-    cuda::Array<Border> borders_; ///< blocks of nodes at borders
-    cuda::HostMemory borders_here_;
-    std::size_t border_room_ = 0;
-    std::vector<int> others_above_; ///< scratch
+    cuda::Array<std::uint32_t> borders_, of_groups_; ///< blocks of nodes at borders; how many in each group
     cuda::Array<std::uint32_t> counts_;
+    cuda::Array<cuda::detail::CountsOfParts> counts_of_parts_;
+    cuda::HostMemory told_;                         ///< what the host reads of these
     std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
     cuda::ResultsOfDevices found_by_nodes_;
     std::vector<cuda::ResultsOfDevices> found_by_items_; ///< by layer
     cuda::Results of_other_nodes_;                       ///< they are other ranks'
     DeviceExchange exchange_;
+    std::vector<DeviceMessage> to_, from_; ///< of an exchange that has begun
+    cuda::Queue beside_{};                 ///< where
     cuda::SideQueue side_;
 };
 
