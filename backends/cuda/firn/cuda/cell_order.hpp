@@ -139,7 +139,7 @@ public:
     {
         if (blocks() == 0) return;
         OnDevice const here(queue_);
-        births_.count_step();
+        rate_of_births_.count_step();
         offset_ = offset;
         rebinned_blocks_ = blocks();
         rearrange(leavers_.view(channels_), static_cast<std::uint32_t>(leavers_.most), left_.data(), offset,
@@ -166,7 +166,7 @@ public:
 
     /// Whether the host creates the blocks around those that were missing, too: in a scene that spreads, and
     /// has so many blocks that a few more do not change how many teams work on each.
-    bool spreads() const { return births_.spreads() && has_many_blocks(); }
+    bool spreads() const { return rate_of_births_.spreads() && has_many_blocks(); }
 
     /// The same while one group of threads calls `finish`. What `scatter(cells, arrived)` returns is called
     /// for each block by `teams` teams (see detail::finish_and_rearrange) with so much shared memory. Keeps
@@ -176,6 +176,7 @@ public:
                      unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
+        rate_of_births_.count_step();
         offset_ = offset;
         rebinned_blocks_ = blocks();
         order_before_.renew(size_);
@@ -202,7 +203,7 @@ public:
     /// offsets that it wrapped belong to a failed step and are not read again.
     void rollback(int commits, int rebins, std::array<Offset*, d> const& offset)
     {
-        births_.undo_steps(rebins);
+        rate_of_births_.undo_steps(rebins);
         if (rebins % 2 != 0) {
             std::swap(begin_, new_begin_);
             if (kept_order_) std::swap(order_, order_before_);
@@ -354,7 +355,7 @@ protected: // for an order that several devices share
     /// many there are in all.
     std::uint32_t with_those_around(std::uint32_t births)
     {
-        births_.count_births();
+        rate_of_births_.count_births();
         if (!spreads()) return births;
         return detail::missing_around<d>(queue_, set_, begin_.data(), periods_);
     }
@@ -479,7 +480,7 @@ protected: // for an order that several devices share
     Array<std::uint32_t> blocks_before_;
     detail::HostSignal signal_;
     detail::Stop short_{}; ///< what was reported last
-    detail::RateOfBirths births_;
+    detail::RateOfBirths rate_of_births_;
     bool crowded_ = false;         ///< many blocks hold no items
     bool is_to_find_ = false;      ///< the leavers have yet to find their new cells
     bool may_have_arrived_ = true; ///< the counts of incoming items may not all be zero

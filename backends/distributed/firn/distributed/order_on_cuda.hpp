@@ -281,6 +281,7 @@ private:
     /// Sorts all items into the new order, of which there are `count`.
     void sort_in(std::uint32_t count, std::array<Offset*, std::size_t(d)> const& offset)
     {
+        this->rate_of_births_.count_step();
         this->find_block_begins();
         this->offset_ = offset;
         this->rebinned_blocks_ = this->blocks();
