@@ -587,25 +587,6 @@ TEST_CASE("two solvers of one backend divide space each by itself")
     });
 }
 
-TEST_CASE("streams that spread over a thousand blocks come to the same bits on any number of ranks")
-{
-    require_same_on_any_ranks([](auto const& backend) {
-        double const h = 0.1, dt = 1e-4;
-        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(h), {}, {}, {},
-                                                                                 backend);
-        for (int const way : {1, -1}) { // two that meet, at each corner of four blocks
-            std::vector<Vector<double, 2>> points;
-            for (int i = 0; i < 24 * 24; ++i)
-                points.push_back({1.6 * (i % 24) - 0.15 * way + 0.0097 * (i % 13), 1.6 * (i / 24) + 0.02});
-            solver.add(points, h * h / 4, {100.0 * way, 10.0});
-        }
-        solver.steps(30, dt);
-        Numbers all;
-        append_all(all, solver);
-        return all;
-    });
-}
-
 TEST_CASE("space is divided anew in the first step, where one of the materials has no particles")
 {
     require_same_on_any_ranks([](auto const& backend) {
