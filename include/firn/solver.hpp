@@ -406,8 +406,9 @@ public:
         return time_loop_.last_contacts(scene_);
     }
 
-    /// Bytes held by particles and grid, with spare capacity, without threads' scratch memory of some 10 kB.
-    std::size_t memory() const { return scene_.memory(); }
+    /// Bytes held by particles and grid, and by what implicit steps keep, with spare capacity, without
+    /// threads' scratch memory of some 10 kB.
+    std::size_t memory() const { return scene_.memory() + time_loop_.memory(); }
 
 private:
     /// The place of the material that a call names; the number of materials if it is about all.

@@ -171,7 +171,10 @@ TEST_CASE("a product with the tangent is the derivative of stress, symmetric, an
 TEST_CASE("an implicit column stands as equilibrium has it, and its walls bear the weight")
 {
     Column<ImplicitSolver<Mls>> column(32);
+    std::size_t const bytes = column.solver.memory();
     auto const report = column.settle();
+    CHECK(column.solver.memory() >=
+          bytes + column.points.size() * TrialFields<Rubber>::components(2) * sizeof(double));
     CHECK(column.sunk() == Approx(0.0348553).epsilon(1e-3));
     CHECK(column.error() <= 3.0e-3); // it falls with the cell size
     CHECK(report.load_steps == 1);

@@ -60,7 +60,7 @@ public:
     std::size_t memory() const
     {
         return std::apply(
-            [](auto const&... own) { return (std::size_t(0) + ... + (own ? own->memory() : 0)); }, trials_);
+            [&](auto const&... own) { return (coarse.memory() + ... + (own ? own->memory() : 0)); }, trials_);
     }
 
 private:

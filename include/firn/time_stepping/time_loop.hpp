@@ -202,6 +202,14 @@ public:
     RestReport settle(Scene& scene, Effects const&... effects);
     /// How the last call of implicit steps was solved.
     SolveReport const& solved() const { return memory_.solve.report; }
+    /// Bytes that implicit steps keep of particles and coarse grids.
+    std::size_t memory() const
+    {
+        if constexpr (StepsImplicitly<Transfer>)
+            return memory_.solve.memory();
+        else
+            return 0;
+    }
 
     /// Goes on from another time and other bounds, and from another list of removed particles.
     void go_on_from(TimeState const& time_state, Failures isolated)
