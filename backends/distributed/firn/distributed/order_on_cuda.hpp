@@ -288,7 +288,8 @@ private:
         // all ranks wait while one allocates
         if (count * sizeof(std::uint32_t) > this->order_.memory()) this->order_.resize(with_room(count));
         cuda::detail::PartOfBlocks const part = this->part();
-        this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count, &part);
+        this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count,
+                        this->has_all() ? nullptr : &part);
         if (count > this->left_.memory()) this->left_.renew(with_room(count));
         this->left_.renew(std::max<std::size_t>(count, this->left_.size()));
     }

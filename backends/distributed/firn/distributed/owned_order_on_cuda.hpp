@@ -41,8 +41,11 @@ public:
     struct View : Local::View
     {
         unsigned char const* here;   ///< per block: 1 if this rank has it
-        std::uint32_t const* blocks; ///< those that it has
-        __device__ std::uint32_t block(std::uint32_t group) const { return blocks[group]; }
+        std::uint32_t const* blocks; ///< those that it has; null: all
+        __device__ std::uint32_t block(std::uint32_t group) const
+        {
+            return blocks == nullptr ? group : blocks[group];
+        }
         static constexpr bool forgets_incoming = true; // into other ranks' blocks none ever come
     };
 
@@ -54,7 +57,8 @@ public:
     {}
 
     C const& communicator() const { return communicator_; }
-    View view() const { return {Local::view(), here_.data(), blocks_here_.data()}; }
+    View view() const { return {Local::view(), here_.data(), has_all() ? nullptr : blocks_here_.data()}; }
+    bool has_all() const { return own_.size() == this->blocks(); } ///< whether this rank has all blocks
     std::uint32_t groups(std::uint32_t of_blocks) const
     {
         return static_cast<std::uint32_t>(std::ranges::lower_bound(own_, of_blocks) - own_.begin());
