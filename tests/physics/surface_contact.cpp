@@ -133,10 +133,11 @@ TEST_CASE("a block slides down a plane by Coulomb's law, whatever its angle to t
     };
     for (double const degrees : {0.0, 11.25, 17.0, 22.5, 30.0, 37.0, 45.0, 60.0})
         for (double const mu : {0.0, 0.3, 0.5}) // within 1 % of the acceleration
-            slides(0.04, degrees, mu, 0.01 * g * (std::sin(slope) - mu * std::cos(slope)), 5e-3);
+            slides(0.04, degrees, mu, 0.01 * g * (std::sin(slope) - mu * std::cos(slope)),
+                   mu > 0 ? 5e-3 : 1e-9); // nothing drags where it slips
     for (double const degrees : {0.0, 17.0, 45.0})
         for (double const mu : {0.0, 0.3, 0.6}) // with 0.6 it sticks
-            slides(0.02, degrees, mu, 0.01 * g * std::sin(slope), 1e-3);
+            slides(0.02, degrees, mu, 0.01 * g * std::sin(slope), mu > 0 ? 1e-3 : 1e-9);
 }
 
 TEST_CASE("a block of two materials, one on the other, slides down a plane by Coulomb's law",

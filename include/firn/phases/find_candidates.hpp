@@ -69,20 +69,28 @@ struct FindCandidates
             action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
                 auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
                 add<Real>(place, first + i,
-                          filled & ((-at.distance > in_cells(deep_from(obstacle, place))) |
+                          filled & ((-at.distance > deep_from<Real>(obstacle, place, at.normal)) |
                                     (abs(at.distance) * largest_component<Real, d>(at.normal) <=
                                      in_cells(nearly_half_a_cell))));
             });
         });
     }
 
-    /// From which depth on [cells] nodes are held: whatever sticks holds all that is inside. Others let
-    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down. Thin shells
-    /// have no inside.
-    FIRN_HOST_DEVICE static double deep_from(auto const& obstacle, auto const& place)
+    /// From which depth on [m] nodes are held: whatever sticks holds all that is inside. Others let
+    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down; across the
+    /// cells kernels reach deeper. Thin shells have no inside.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static Real deep_from(auto const& obstacle, LanePosition<Real, d> const& place,
+                                           Vector<Real, d> const& normal)
     {
-        if (obstacle.is_thin(place.lattice)) return 1e9;
-        return obstacle.contact.sticks ? 0 : place.kernel_reach + 0.1;
+        auto const in_cells = [&](double cells) {
+            return Real(static_cast<Number>(cells * place.lattice.cell_size));
+        };
+        if (obstacle.is_thin(place.lattice)) return in_cells(1e9);
+        if (obstacle.contact.sticks) return Real(0);
+        Real across(0);
+        for (int a = 0; a < d; ++a) across += abs(normal[a]);
+        return across * in_cells(place.kernel_reach) + in_cells(0.1);
     }
     static constexpr double nearly_half_a_cell = 0.52;
 

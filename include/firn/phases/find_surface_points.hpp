@@ -79,7 +79,7 @@ private:
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
         Vector<Number, d> shift = zeros<Vector<Number, d>>();
         At at = obstacle.template surface_at<Number>(place, shift);
-        if (-at.distance > in_cells(Candidates::deep_from(obstacle, place)))
+        if (-at.distance > Candidates::template deep_from<Number>(obstacle, place, at.normal))
             add(place, number, obstacle, at, shift, true, 0);
         if (!(abs(at.distance) * largest_component<Number, d>(at.normal) <=
               in_cells(Candidates::nearly_half_a_cell)))
