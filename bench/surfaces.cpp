@@ -117,35 +117,57 @@ private:
     double power(double y) const { return 1 + exponent * softness * (depth - y); }
 };
 
-void lift_of_ball(char const* place, Eigen::Vector3d const& offset, double radius_in_cells)
+/// A place in space: the tank is turned about z, and nodes are moved against it [cells].
+struct PlaceInSpace
+{
+    char const* name;
+    double degrees;
+    Eigen::Vector3d offset;
+    double half_width = 0.16; ///< [m]: a whole number of cells, so that all walls lie alike
+};
+std::array<PlaceInSpace, 6> const places_in_space{
+    {{"on_nodes", 0, {0, 0, 0}},
+     {"half_a_cell_off", 0, {0.5, 0.5, 0.5}},
+     {"between_nodes", 0, {0.3, 0.21, 0.4}},
+     {"17_degrees", 17, {0.3, 0.21, 0.4}},
+     {"30_degrees", 30, {0.3, 0.21, 0.4}},
+     {"half_a_cell_off_and_sides_on_nodes", 0, {0.5, 0.5, 0.5}, 0.15}}}; // with a radius of three cells
+
+void lift_of_ball(PlaceInSpace const& place, double radius_in_cells)
 {
     using Ball = KeepsVolume<Fluid<Space<3, float>>>;
-    double const radius = 0.06, h = radius / radius_in_cells, side = 0.15, depth = 0.3;
+    double const radius = 0.06, h = radius / radius_in_cells, side = place.half_width, depth = 0.3;
+    Eigen::Matrix3d const turned =
+        Eigen::AngleAxisd(place.degrees * M_PI / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix();
     Ball const model = materials::water<Space<3, float>>(3);
-    Solver<bench::Backend, Ball> water(lattice(h, offset * h), model, {}, {}, bench::backend());
-    Eigen::Vector3d const middle(0, depth / 2, 0);
+    Solver<bench::Backend, Ball> water(lattice(h, place.offset * h), model, {}, {}, bench::backend());
+    Eigen::Vector3d const middle(0, depth / 2, 0), up = turned.col(1);
     AroundBall around{radius, h / 2, middle, 7, 1000 * bench::g / double(model.bulk_modulus), depth};
     for (double x = -side + h / 4; x < side; x += h / 2)
         for (double y = h / 4; y < depth; y += h / 2)
             for (double z = -side + h / 4; z < side; z += h / 2) around.add({x, y, z});
+    for (auto& x : around.points) x = turned * x;
     water.add(around.points, around.volumes);
     water.upload<LogVolumeRatio>(around.log_J);
     bench::Walls walls;
     auto const add = [&](Eigen::Vector3d const& normal, Eigen::Vector3d const& at) {
-        walls.list.push_back({.shape = HalfSpace{normal}, .motion = {.position = at}, .on_particles = true});
+        walls.list.push_back(
+            {.shape = HalfSpace{turned * normal}, .motion = {.position = turned * at}, .on_particles = true});
     };
-    walls.list.push_back({.shape = Sphere{radius}, .motion = {.position = middle}, .on_particles = true});
+    walls.list.push_back(
+        {.shape = Sphere{radius}, .motion = {.position = turned * middle}, .on_particles = true});
     add({0, 1, 0}, {0, 0, 0});
     for (double const towards : {-1.0, 1.0}) {
         add({towards, 0, 0}, {-towards * side, 0, 0});
         add({0, 0, towards}, {0, 0, -towards * side});
     }
-    water.advance(0.1, Gravity{}, walls);
+    Gravity const gravity{-bench::g * up};
+    water.advance(0.1, gravity, walls);
     double const duration = 0.2;
-    auto const report = water.advance(duration, Gravity{}, walls);
+    auto const report = water.advance(duration, gravity, walls);
     double const displaced = 1000 * bench::g * 4 / 3 * M_PI * std::pow(radius, 3);
-    figure("lift/ball/" + std::string(place) + '/' + std::to_string(int(radius_in_cells)) + "_cells",
-           100 * (report.reactions[0].impulse.y() / duration / displaced - 1), "%");
+    figure("lift/ball/" + std::string(place.name) + '/' + std::to_string(int(radius_in_cells)) + "_cells",
+           100 * (report.reactions[0].impulse.dot(up) / duration / displaced - 1), "%");
 }
 
 void floating(Place const& place)
@@ -235,10 +257,10 @@ int main(int argc, char**)
     for (auto const& place : places)
         for (double const radius : {3.0, 6.0, 12.0})
             if (radius < 12 || is_fine) lift_of_disk(place, radius);
-    lift_of_ball("between_nodes", {0.3, 0.21, 0.4}, 3);
-    lift_of_ball("on_nodes", {0, 0, 0}, 3);
-    lift_of_ball("half_a_cell_off", {0.5, 0.5, 0.5}, 3);
-    if (is_fine) lift_of_ball("between_nodes", {0.3, 0.21, 0.4}, 6);
+    for (auto const& place : places_in_space) {
+        lift_of_ball(place, 3);
+        if (is_fine) lift_of_ball(place, 6);
+    }
     for (auto const& place : places) floating(place);
     leaks();
     hoppers<bench::Plane>("plane", {.h = 0.01}, 0.5); // of twice the cells of the test, for some 3 000 steps
