@@ -49,7 +49,7 @@ record
 
 cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON -DFIRN_TESTS_ALL="$([ -n "$all" ] && echo ON || echo OFF)" ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
-rm -f "$tests/cuda_every_loop" "$tests/hard_cases.csv"
+rm -f "$tests/hard_cases.csv"
 failed="" build=""
 leave() { # no background job outlives the script; how long nvcc took for each unit lies beside the logs
     local status=$?
@@ -63,6 +63,7 @@ trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
 programs="cuda_device cuda_agreement cuda_devices cuda_hard_cases cuda_scenes cuda_models cuda_fault cuda_physics $all"
+for program in cuda_every_loop $programs; do rm -f "$tests/$program"; done # or those of an earlier run would be tested
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
 build=$!

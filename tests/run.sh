@@ -51,6 +51,10 @@ fi
 
 cmake --preset $preset -DFIRN_TESTS_ALL=$all
 cmake --build --preset $preset
-[ $preset$all != cudaON ] || cmake --build --preset cuda --target cuda_proofs cuda_implicit cuda_over_ranks
+if [ $preset$all = cudaON ]; then
+    cmake --build --preset cuda --target cuda_proofs cuda_implicit cuda_over_ranks
+elif [ $preset = cuda ]; then # those of an earlier run with --all may be older than the code
+    rm -f build/cuda/tests/cuda_{proofs,implicit,over_ranks}{,-*_tests.cmake,_tests-*.cmake}
+fi
 ctest --preset $preset --parallel "$(nproc)" "$@"
 [ $full = no ] || full_tests build/$preset/tests

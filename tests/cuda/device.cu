@@ -266,6 +266,10 @@ TEST_CASE("a scene spreads if blocks are missing step after step, and not if the
     CHECK(!cloud.spreads());
     take(body, 1000, [](int i) { return i % 40 < 2; });
     CHECK(!body.spreads());
+    take(body, 10, [](int) { return true; });
+    CHECK(body.spreads());
+    take(body, 1000, [](int) { return false; }); // it has come to rest
+    CHECK(!body.spreads());
 }
 
 TEST_CASE("a cloud that spreads over thousands of blocks flies straight on, and as in single steps",

@@ -84,7 +84,7 @@ public:
 
     /// Changes the size and drops the elements; frees their memory before allocating more.
     void renew(std::size_t size) { renew_with_room(size, capacity_ == 0 ? size : with_spare(size)); }
-    /// The same with as much room again, for arrays that are small beside others and often grow: each growth
+    /// The same, but with twice the room, for arrays that are small beside others and often grow: each growth
     /// waits for the device.
     void renew_amply(std::size_t size) { renew_with_room(size, 2 * size); }
 

@@ -23,8 +23,8 @@ FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live, bool
     return small ? 32 + 2 * live : spreads ? 8 + live / 2 : live <= 4096 ? 8 + live / 8 : live / 32;
 }
 
-/// Whether a scene spreads: blocks are missing in so many steps, one after another, that the host is needed
-/// all the time. A body that flies needs blocks in one or two steps of forty.
+/// Whether a scene spreads: blocks are missing in more than 8 of 32 steps, so that the host is needed often.
+/// A body that flies needs blocks in one or two steps of forty.
 class RateOfBirths
 {
 public:
@@ -35,7 +35,7 @@ public:
     {
         if (std::exchange(last_, steps_) == steps_) return; // again, since there was no room for them
         // a scene that was found to spread has fewer of them, and is asked again after many steps
-        if (steps_ - since_ > (spreads_ ? 512 : 32)) {
+        if (steps_ - since_ > (spreads_ ? asked_again_after : 32)) {
             spreads_ = false;
             since_ = steps_;
             with_births_ = 0;
@@ -45,9 +45,12 @@ public:
             since_ = steps_;
         }
     }
-    bool spreads() const { return spreads_; }
+    /// A scene in which no blocks are missing any more is not asked, and no longer spreads after as many
+    /// steps.
+    bool spreads() const { return spreads_ && steps_ - since_ <= asked_again_after; }
 
 private:
+    static constexpr std::int64_t asked_again_after = 512;
     std::int64_t steps_ = 0, since_ = 0, last_ = -1;
     int with_births_ = 0;
     bool spreads_ = false;

@@ -230,7 +230,10 @@ public:
         return had;
     }
 
-    std::size_t memory() const { return of_groups_.memory() + of_bunches_.memory() + by_host.memory(); }
+    std::size_t memory() const
+    {
+        return of_groups_.memory() + of_bunches_.memory() + held_.memory() + by_host.memory();
+    }
 
 private:
     Queue queue_;

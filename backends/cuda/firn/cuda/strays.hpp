@@ -12,7 +12,8 @@ namespace firn::cuda::detail
 {
 
 /// Takes a place in one of several lists, behind those that others have taken: `counts` counts them. One
-/// thread of a warp asks for all that ask there, or all of a device would wait for one another.
+/// thread of a warp takes the places of all that ask for the same list: else all threads of a device would
+/// wait for one another at one number.
 static __device__ std::uint32_t take_place(std::uint32_t* counts, std::uint32_t which)
 {
     std::uint32_t const with_me = __match_any_sync(__activemask(), which), lane = threadIdx.x % 32;

@@ -9,9 +9,9 @@
 namespace firn::cuda
 {
 
-/// Where FIRN_COMPILE_SOON is defined, in all units of a program, half of the loops of steps are compiled:
-/// one for any number of teams, and none that ends a step while it rebins items. Results have the same bits,
-/// and small scenes take longer.
+/// Whether half of the loops of steps are compiled: one for any number of teams, and none that ends a step
+/// while it rebins items. Then FIRN_COMPILE_SOON is defined, in all units of a program or in none. Results
+/// have the same bits, and small scenes take longer.
 #if defined(FIRN_COMPILE_SOON) && !defined(FIRN_ON_PROCESSOR)
 inline constexpr bool compiled_soon = true;
 #else

@@ -273,6 +273,10 @@ public:
     {
         std::size_t bytes = Local::memory() + kinds_.memory() + borders_.memory() + found_by_nodes_.memory();
         for (auto const& of : found_by_items_) bytes += of.memory();
+        for (auto const& list : lists_) bytes += list.memory();
+        for (auto const* const all : {&sent_, &came_})
+            for (Parts const& parts : *all) bytes += parts.there.memory();
+        bytes += of_groups_.memory() + counts_.memory() + counts_of_parts_.memory();
         for (auto const* const packed : {&leave_, &arrive_})
             for (auto const& of_layer : *packed) bytes += of_layer.memory();
         return bytes;
@@ -301,7 +305,8 @@ private:
         {
             count = 0;
             for (auto const& of_rank : of_ranks) count += of_rank.size();
-            auto* const all = here_.template as<Part>(count);
+            if (count > room_) room_ = 2 * count; // all ranks wait while one allocates
+            auto* const all = here_.template as<Part>(room_);
             auto* next = all;
             begin.assign(1, 0);
             for (auto const& of_rank : of_ranks) {
@@ -323,13 +328,14 @@ private:
             count = listed;
             begin = begins;
             if (count <= there.size()) return true;
-            there.renew_amply(2 * count);
+            there.renew(2 * count);
             return false;
         }
 
     private:
         cuda::Queue queue_;
         cuda::HostMemory here_; ///< one rank's behind the other's, on the way to the device
+        std::size_t room_ = 0;  ///< for so many there
     };
 
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
@@ -481,7 +487,7 @@ private:
     Nodes shown_ = Nodes::all;
     int list_ = -1;                                   ///< the list of those, or -1
     std::array<cuda::Array<std::uint32_t>, 3> lists_; ///< of blocks of nodes: see ListsOfNodes
-    std::array<std::uint32_t, 4> listed_{};           ///< how many there are in each, and at borders
+    std::array<std::uint32_t, 4> listed_{};           ///< how many there are in each, and in borders_
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
@@ -495,7 +501,7 @@ private:
     cuda::Results of_other_nodes_;                       ///< they are other ranks'
     DeviceExchange exchange_;
     std::vector<DeviceMessage> to_, from_; ///< of an exchange that has begun
-    cuda::Queue beside_{};                 ///< where
+    cuda::Queue beside_{};                 ///< the queue in which it travels
     cuda::SideQueue side_;
 };
 

@@ -198,7 +198,10 @@ public:
     void take_tiles(Layer const&) const
     {}
 
-    std::size_t memory() const { return Owned::memory() + origins_.memory() + swap_.memory(); }
+    std::size_t memory() const
+    {
+        return Owned::memory() + list_.memory() + origins_.memory() + swap_.memory();
+    }
 
 private:
     using Shape = cuda::BlockShape<d>;
@@ -286,7 +289,8 @@ private:
         this->offset_ = offset;
         this->rebinned_blocks_ = this->blocks();
         // all ranks wait while one allocates
-        if (count * sizeof(std::uint32_t) > this->order_.memory()) this->order_.resize(with_room(count));
+        if (this->committed_ && count * sizeof(std::uint32_t) > this->order_.memory())
+            this->order_.resize(with_room(count));
         cuda::detail::PartOfBlocks const part = this->part();
         this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count,
                         this->has_all() ? nullptr : &part);

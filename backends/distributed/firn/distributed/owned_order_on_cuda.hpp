@@ -222,7 +222,8 @@ public:
 
     std::size_t memory() const
     {
-        return Local::memory() + here_.memory() + strays_.memory() + shared_.memory();
+        return Local::memory() + here_.memory() + strays_.memory() + shared_.memory() + search_.memory() +
+               owners_.memory() + blocks_here_.memory() + count_.memory();
     }
 
 protected:
