@@ -2,21 +2,18 @@
 // How accurate implicit steps are, and how many iterations they take, on problems whose solution is known:
 //     implicit_accuracy
 // Prints, as figures that results.py reads and in double precision:
-//   column    under its weight by `settle`, of rubber of 1e5 Pa to steel of 2e11 Pa in 32 to 128 cells: root
-//             mean square error of its stress over that at the foot, error of its top over how far that
-//             sinks, and passes over the particles until a hundredth of the load is left, and a
+//   column    under its weight by `settle`, of rubber of 1e5 Pa to steel of 2e11 Pa in 32 to 128 cells:
+//             root mean square error of its stress over that at the foot, error of its top over how far
+//             that sinks, and passes over the particles until a hundredth of the load is left, and a
 //             ten-thousandth
-//   bar       that swings in its first mode for ten periods, in 32 to 128 cells, in steps in which a wave
-//   goes
-//             through 0.3 to 30 cells: energy in the end, over that at the start, less backward Euler's own
-//             loss
+//   bar       that swings in its first mode for ten periods, in 32 to 128 cells, in steps in which a
+//             wave goes through 0.3 to 30 cells: energy in the end over that at the start, less backward
+//             Euler's own loss
 //   order     of the error of a bar in the length of steps
-//   products  of a linear system, of a block in 32 to 128 cells and steps of 10 to 300 waves' cells; and of
-//   one
-//             with a part in it that is a thousand times as stiff
+//   products  of a linear system, of a block in 32 to 128 cells and steps of 10 to 300 waves' cells; and
+//             of one with a part in it that is a thousand times as stiff
 //   snow      of P5, in equal steps of up to 0.6 cells by the midpoint rule: error of its height over its
-//   side, in
-//             twelve or in four looks
+//             side, in twelve or in four looks
 #include "problems/snow_block.hpp"
 
 #include <array>
@@ -24,6 +21,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 using namespace firn;
