@@ -95,56 +95,83 @@ TEST_CASE("a disk floats as deep as Archimedes says", "[physics][surface]")
     }
 }
 
-TEST_CASE("a block slides down a plane by Coulomb's law, whatever its angle to the cells",
-          "[physics][surface]")
+namespace
 {
-    double const slope = M_PI / 6;
-    auto const slides = [&](double h, double degrees, double mu, double of_acceleration, double of_ratio) {
-        CAPTURE(h, degrees, mu);
-        Frame const plane{-degrees * M_PI / 180, {0.004, 0.007}};
-        Block::Model material;
-        material.elasticity = lame<double>(1e6, 0.3);
-        Block::Solver block(lattice(h), material);
-        auto points = box_of_points<2>({0, 0}, {0.4, 0.2}, h);
-        for (auto& x : points) x = plane.place(x);
-        block.add(points, h * h / 4);
-        AtSurface floor;
+/// A plane of 30 degrees, rough by `mu`, that acts at its surface and lies at an angle to the cells.
+struct Incline
+{
+    static constexpr double slope = M_PI / 6;
+
+    Incline(double degrees, double mu_) : plane{-degrees * M_PI / 180, {0.004, 0.007}}, mu(mu_)
+    {
+        pull = in_space(plane.direction(g * Eigen::Vector2d(std::sin(slope), -std::cos(slope))));
         floor.list.push_back({.shape = HalfSpace{in_space(plane.direction({0, 1}))},
                               .contact = Contact::coulomb(mu),
                               .motion = {.position = in_space(plane.origin)}});
-        Eigen::Vector3d const pull =
-            in_space(plane.direction(g * Eigen::Vector2d(std::sin(slope), -std::cos(slope))));
-        int const ramp = 20; // the load comes on smoothly
+    }
+    /// By Coulomb's law [m/s^2].
+    double acceleration() const { return std::max(0.0, g * (std::sin(slope) - mu * std::cos(slope))); }
+    /// Particles of a block that is 0.4 m long, from one height above the plane to another.
+    std::vector<Eigen::Vector2d> layer(double low, double high, double h) const
+    {
+        auto points = box_of_points<2>({0, low}, {0.4, high}, h);
+        for (auto& x : points) x = plane.place(x);
+        return points;
+    }
+    /// Lets the load come on smoothly, and the block come to slide.
+    template <class Block>
+    void load(Block& block) const
+    {
+        int const ramp = 20;
         for (int i = 1; i <= ramp; ++i) block.advance(0.1 / ramp, Gravity{pull * i / ramp}, floor);
         block.advance(0.4, Gravity{pull}, floor);
-        auto const velocity = [&] {
-            Totals const now(block);
-            return plane.direction({1, 0}).dot(now.momentum) / now.mass;
-        };
-        double const before = velocity(), duration = 0.3;
-        auto const report = block.advance(duration, Gravity{pull}, floor);
-        double const expected = std::max(0.0, g * (std::sin(slope) - mu * std::cos(slope)));
-        CHECK(std::abs((velocity() - before) / duration - expected) <= of_acceleration);
+    }
+    /// Down the plane [m/s]; `of` is the Totals of a block.
+    double speed(auto const& of) const { return plane.direction({1, 0}).dot(of.momentum) / of.mass; }
+
+    Frame plane;
+    double mu;
+    AtSurface floor;
+    Eigen::Vector3d pull; ///< gravity [m/s^2]
+};
+} // namespace
+
+TEST_CASE("a block slides down a plane by Coulomb's law, whatever its angle to the cells",
+          "[physics][surface]")
+{
+    auto const slides = [&](double h, double degrees, double mu, double of_acceleration, double of_ratio) {
+        CAPTURE(h, degrees, mu);
+        Incline const incline(degrees, mu);
+        Block::Model material;
+        material.elasticity = lame<double>(1e6, 0.3);
+        Block::Solver block(lattice(h), material);
+        block.add(incline.layer(0, 0.2, h), h * h / 4);
+        incline.load(block);
+        double const before = incline.speed(Totals(block)), duration = 0.3;
+        auto const report = block.advance(duration, Gravity{incline.pull}, incline.floor);
+        double const gained = incline.speed(Totals(block)) - before;
+        CHECK(std::abs(gained / duration - incline.acceleration()) <= of_acceleration);
+        Frame const& plane = incline.plane;
         Eigen::Vector2d const impulse = report.reactions[0].impulse.head<2>();
         double const ratio = impulse.dot(plane.direction({1, 0})) / -impulse.dot(plane.direction({0, 1}));
-        CHECK(std::abs(ratio - std::min(mu, std::tan(slope))) <= of_ratio);
+        CHECK(std::abs(ratio - std::min(mu, std::tan(Incline::slope))) <= of_ratio);
         for (auto const& x : block.positions()) // it lies on the plane, not above it
             if (plane.own(x).y() < 0.15 * h) FAIL("a particle is " << plane.own(x).y() / h << " h above");
     };
     for (double const degrees : {0.0, 11.25, 17.0, 22.5, 30.0, 37.0, 45.0, 60.0})
         for (double const mu : {0.0, 0.3, 0.5}) // within 1 % of the acceleration
-            slides(0.04, degrees, mu, 0.01 * g * (std::sin(slope) - mu * std::cos(slope)),
+            slides(0.04, degrees, mu, 0.01 * Incline(degrees, mu).acceleration(),
                    mu > 0 ? 5e-3 : 1e-9); // nothing drags where it slips
     for (double const degrees : {0.0, 17.0, 45.0})
         for (double const mu : {0.0, 0.3, 0.6}) // with 0.6 it sticks
-            slides(0.02, degrees, mu, 0.01 * g * std::sin(slope), mu > 0 ? 1e-3 : 1e-9);
+            slides(0.02, degrees, mu, 0.01 * Incline(degrees, 0).acceleration(), mu > 0 ? 1e-3 : 1e-9);
 }
 
 TEST_CASE("a block of two materials, one on the other, slides down a plane by Coulomb's law",
           "[physics][surface]")
 {
     using Layers = Materials<NeoHookean<Plane>, FixedCorotated<Plane>>;
-    double const slope = M_PI / 6, h = 0.04;
+    double const h = 0.04;
     NeoHookean<Plane> light;
     light.elasticity = lame<double>(1e6, 0.3);
     FixedCorotated<Plane> heavy;
@@ -153,33 +180,20 @@ TEST_CASE("a block of two materials, one on the other, slides down a plane by Co
     for (double const degrees : {0.0, 17.0})
         for (double const mu : {0.0, 0.3, 0.5}) {
             CAPTURE(degrees, mu);
-            Frame const plane{-degrees * M_PI / 180, {0.004, 0.007}};
+            Incline const incline(degrees, mu);
             Scene<Layers, QuadraticBSpline, Pic>::Solver block(lattice(h), Layers{light, heavy});
-            auto const placed = [&](double low, double high) {
-                auto points = box_of_points<2>({0, low}, {0.4, high}, h);
-                for (auto& x : points) x = plane.place(x);
-                return points;
-            };
-            block.add<Material<0>>(placed(0, 0.12), h * h / 4);
-            block.add<Material<1>>(placed(0.12, 0.2), h * h / 4);
-            AtSurface floor;
-            floor.list.push_back({.shape = HalfSpace{in_space(plane.direction({0, 1}))},
-                                  .contact = Contact::coulomb(mu),
-                                  .motion = {.position = in_space(plane.origin)}});
-            Eigen::Vector3d const pull =
-                in_space(plane.direction(g * Eigen::Vector2d(std::sin(slope), -std::cos(slope))));
-            int const ramp = 20; // the load comes on smoothly
-            for (int i = 1; i <= ramp; ++i) block.advance(0.1 / ramp, Gravity{pull * i / ramp}, floor);
-            block.advance(0.4, Gravity{pull}, floor);
+            block.add<Material<0>>(incline.layer(0, 0.12, h), h * h / 4);
+            block.add<Material<1>>(incline.layer(0.12, 0.2, h), h * h / 4);
+            incline.load(block);
             Totals const before(block);
-            double const duration = 0.3, expected = g * (std::sin(slope) - mu * std::cos(slope));
-            auto const report = block.advance(duration, Gravity{pull}, floor);
+            double const duration = 0.3, expected = incline.acceleration();
+            auto const report = block.advance(duration, Gravity{incline.pull}, incline.floor);
             Totals const after(block);
-            Eigen::Vector2d const gained = after.momentum - before.momentum;
-            double const gain = plane.direction({1, 0}).dot(gained) / after.mass;
-            CHECK(std::abs(gain / duration - expected) <= 0.01 * expected);
-            Eigen::Vector2d const impulse = report.reactions[0].impulse.head<2>();
-            CHECK((gained + impulse - after.mass * duration * pull.head<2>()).norm() <
+            CHECK(std::abs((incline.speed(after) - incline.speed(before)) / duration - expected) <=
+                  0.01 * expected);
+            Eigen::Vector2d const impulse = report.reactions[0].impulse.head<2>(),
+                                  gained = after.momentum - before.momentum;
+            CHECK((gained + impulse - after.mass * duration * incline.pull.head<2>()).norm() <
                   1e-4 * after.mass * duration * g);
         }
 }
