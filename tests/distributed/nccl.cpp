@@ -63,6 +63,33 @@ TEST_CASE("ranks whose devices swap by NCCL come to the bits of one device")
     }
 }
 
+TEST_CASE("no rank waits for messages of the device of a rank that has ended")
+{
+    if (devices() < 2) {
+        WARN("there is one device: NCCL was not tried");
+        return;
+    }
+    CHECK_THROWS_WITH(run_ranks(2,
+                                [](RankThreads const& threads) {
+                                    cuda::Queue const queue{.device = threads.rank()};
+                                    Nccl<RankThreads> const communicator(threads, queue.device);
+                                    cuda::Array<int> own(queue), all(queue);
+                                    own.resize(1);
+                                    all.resize(2);
+                                    auto const gather = [&] {
+                                        communicator.gather_on_device(queue.stream, own.data(), sizeof(int),
+                                                                      all.data());
+                                        queue.wait();
+                                        communicator.require_all();
+                                    };
+                                    gather();
+                                    if (threads.rank() == 1)
+                                        throw Error{"it has had enough", "here", "None."};
+                                    gather();
+                                }),
+                      Contains("it has had enough"));
+}
+
 TEST_CASE("NCCL is refused where two ranks have one device, or a solver has another one")
 {
     CHECK_THROWS_WITH(run_ranks(2, [](RankThreads const& threads) { Nccl<RankThreads>(threads, 0); }),

@@ -552,6 +552,33 @@ TEST_CASE("a rank that has ended can call no other any more")
     CHECK(errors == std::vector<int>{2, 2});
 }
 
+TEST_CASE(
+    "what ranks wait for elsewhere is ended once for each that has asked, and at once where one has ended")
+{
+    std::vector<int> ended(2, 0), missing(2, 0);
+    run_ranks(2, [&](RankThreads const& communicator) {
+        int const rank = communicator.rank();
+        auto const note = [&, rank] { ++ended[std::size_t(rank)]; };
+        communicator.require_all();
+        if (rank == 0) communicator.when_one_ends(note);
+        communicator.all_gather({});
+        if (rank == 1) {
+            communicator.abort("it has no room");
+            communicator.abort("it has no room");
+            communicator.when_one_ends(note);
+        }
+        try {
+            while (rank == 0) communicator.all_gather({});
+            communicator.require_all();
+        }
+        catch (Error const&) {
+            ++missing[std::size_t(rank)];
+        }
+    });
+    CHECK(ended == std::vector<int>{1, 1});
+    CHECK(missing == std::vector<int>{1, 1});
+}
+
 TEST_CASE("space is divided anew where a body has flown from one rank's part into another's")
 {
     std::vector<int> divisions(3, 0);

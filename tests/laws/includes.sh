@@ -33,7 +33,7 @@ cstddef,cstring,cstdlib: size_t
 cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t
 cstdlib: getenv
 cstring: memcmp memcpy memset
-exception: current_exception exception exception_ptr rethrow_exception
+exception: current_exception exception exception_ptr rethrow_exception uncaught_exceptions
 filesystem: filesystem
 fstream: ifstream ofstream
 functional: equal_to function less
@@ -43,7 +43,7 @@ fstream,istream,sstream: istream
 fstream,istream,ostream,sstream: ios streamsize
 limits: numeric_limits
 map: map
-mutex: lock_guard mutex unique_lock
+mutex: lock_guard mutex timed_mutex unique_lock
 memory: construct_at make_shared make_unique shared_ptr unique_ptr weak_ptr
 new: align_val_t bad_alloc
 numbers: numbers

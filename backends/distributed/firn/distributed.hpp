@@ -212,6 +212,7 @@ struct Distributed
     bool had_room(Orders const& orders, OfNodes& of_nodes, OfItems& of_items,
                   MoveAgain const& move_again) const requires(Local::queues)
     {
+        if constexpr (requires { communicator.require_all(); }) communicator.require_all();
         bool moved = true;
         for (std::size_t k = 0; k < orders.size(); ++k) moved = orders[k]->hear(*orders[0], k) && moved;
         if (moved && orders[0]->had_room_for_results(of_nodes, of_items)) {

@@ -7,6 +7,7 @@
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -46,6 +47,7 @@ class RankThreads
         int waiting = 0;
         long rounds = 0;
         std::string aborted;                             ///< why a rank ended; empty: none did
+        std::vector<std::function<void()>> to_end;       ///< what else ranks may wait for
         std::vector<std::vector<Parcel> const*> parcels; ///< by rank that sends
     };
 
@@ -78,10 +80,35 @@ public:
     /// The ranks that wait now, or will, throw an Error with this reason.
     void abort(char const* why) const
     {
+        std::vector<std::function<void()>> to_end;
+        {
+            std::lock_guard const lock(shared_->mutex);
+            if (shared_->aborted.empty())
+                shared_->aborted = "rank " + std::to_string(rank_) + " has ended: " + why;
+            to_end.swap(shared_->to_end);
+            shared_->all_here.notify_all();
+        }
+        for (auto const& end : to_end) end();
+    }
+    /// Throws that Error if a rank has ended.
+    void require_all() const
+    {
         std::lock_guard const lock(shared_->mutex);
-        if (shared_->aborted.empty())
-            shared_->aborted = "rank " + std::to_string(rank_) + " has ended: " + why;
-        shared_->all_here.notify_all();
+        if (!shared_->aborted.empty())
+            throw Error{shared_->aborted, "RankThreads", "See the error of the rank that ended."};
+    }
+    /// Calls `end` when a rank ends, on its thread, or at once if one has: it ends what ranks wait for
+    /// elsewhere, such as messages between devices.
+    void when_one_ends(std::function<void()> end) const
+    {
+        {
+            std::lock_guard const lock(shared_->mutex);
+            if (shared_->aborted.empty()) {
+                shared_->to_end.push_back(std::move(end));
+                return;
+            }
+        }
+        end();
     }
 
 private:
