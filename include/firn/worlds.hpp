@@ -54,8 +54,6 @@ template <class SolverType, class ShapeType = AnyShape<>,
 class Worlds
 {
     using Sets = typename SolverType::Sets;
-    static_assert(!spans_ranks<std::remove_cvref_t<decltype(std::declval<SolverType const&>().backend())>>,
-                  "many worlds cannot span ranks yet");
     static_assert(!is_deforming<ShapeType>, "a shape that changes its form does so in the solver's time, and "
                                             "obstacles of a world have the world's");
 
@@ -73,6 +71,10 @@ public:
           layout_(layout_of(count)), begun_(count), obstacles_(count)
     {
         solver_.scene_.calls_begin_afresh = true;
+        if constexpr (spans_ranks<Backend>) {
+            detail::require_same_on_ranks(solver_.backend(), "Worlds", detail::text_of(count));
+            solver_.backend().share_worlds(count);
+        }
     }
 
     /// How many there are.
@@ -109,10 +111,9 @@ public:
     std::uint32_t add(std::uint32_t world, Points const& points, Volumes const& volumes,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
-        require_exists(world, "Worlds::add");
         constexpr std::size_t k = Solver::template MaterialTraits<Which>::place;
         std::uint32_t first = 0;
-        solver_.change("Worlds::add", [&] {
+        change("Worlds::add", {world}, [&] {
             auto& scene = solver_.scene_;
             first = scene.next_id;
             bool const are_first = scene.size() == 0;
@@ -209,9 +210,8 @@ public:
     /// list of the quarantine. Returns how many were removed.
     std::size_t clear(std::uint32_t world)
     {
-        require_exists(world, "Worlds::clear");
         std::size_t count = 0;
-        solver_.change("Worlds::clear", [&] {
+        change("Worlds::clear", {world}, [&] {
             auto& scene = solver_.scene_;
             std::vector<RemovalMask<Backend>> masks;
             for (auto const& found : particles()) masks.push_back(found.mask(world, scene.backend));
@@ -228,9 +228,8 @@ public:
     /// The particles of a world as they are now, and its time, in memory of the host. Changes nothing.
     State save(std::uint32_t world)
     {
-        require_exists(world, "Worlds::save");
         State state;
-        solver_.change("Worlds::save", [&] {
+        change("Worlds::save", {world}, [&] {
             auto& scene = solver_.scene_;
             scene.cache_grid_fields();
             sort();
@@ -268,14 +267,14 @@ public:
     {
         char const* const where = "Worlds::reset";
         if (worlds.empty()) return;
-        for (auto const world : worlds) require_exists(world, where);
-        auto sorted = worlds;
-        std::sort(sorted.begin(), sorted.end());
-        require(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(), "a world is listed twice",
-                where, "List each world once.");
-        detail::require_state_fits(state, solver_.scene_, layout_);
-        solver_.change(where, [&] {
+        change(where, worlds, [&] {
             auto& scene = solver_.scene_;
+            auto sorted = worlds;
+            std::sort(sorted.begin(), sorted.end());
+            require(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(),
+                    "a world is listed twice", where, "List each world once.");
+            detail::require_same_state(scene.backend, where, state);
+            detail::require_state_fits(state, scene, layout_);
             MassScale scale = scene.size() > 0 ? scene.masses : state.masses;
             std::vector<std::vector<detail::Returning>> coming(Sets::count);
             std::vector<std::uint32_t> back;
@@ -312,7 +311,7 @@ public:
     std::vector<std::uint32_t> world_of_particles() const
     {
         return solver_.template by_id<Which, std::uint32_t>([&](auto k) {
-            ParticlesOfWorlds const found(solver_.scene_.sets.template particles<k>(), layout_);
+            auto const found = particles_of_all_ranks<k>();
             std::vector<std::uint32_t> by_row(found.row_at.size());
             for (std::size_t place = 0; place < by_row.size(); ++place)
                 by_row[found.row_at[place]] = found.world_at[place];
@@ -363,7 +362,18 @@ private:
                     "Pass a number below count(), which is " + std::to_string(count()) + "."};
     }
 
-    /// In which worlds the particles are, of each material.
+    /// Does what changes some worlds, or copies from them.
+    template <class Work>
+    void change(char const* where, std::vector<std::uint32_t> const& worlds, Work const& work)
+    {
+        solver_.change(where, [&] {
+            detail::require_same_values(solver_.backend(), where, "worlds", worlds);
+            for (auto const world : worlds) require_exists(world, where);
+            work();
+        });
+    }
+
+    /// In which worlds the particles that lie here are, of each material.
     std::vector<ParticlesOfWorlds> particles() const
     {
         std::vector<ParticlesOfWorlds> found;
@@ -372,6 +382,12 @@ private:
         });
         return found;
     }
+    template <std::size_t k>
+    ParticlesOfWorlds particles_of_all_ranks() const
+    {
+        return ParticlesOfWorlds(solver_.scene_.sets.template particles<k>(), layout_)
+            .of_all_ranks(solver_.backend());
+    }
     /// The rows of a material's particles by world: looked for only if particles have come or gone.
     template <std::size_t k>
     std::vector<std::vector<std::uint32_t>> const& rows_by_world()
@@ -379,7 +395,7 @@ private:
         auto const& table = solver_.scene_.sets.template particles<k>();
         RowsByWorld& known = rows_[k];
         if (known.rows.empty() || !(known.mark == table.id_mark())) {
-            known.rows = ParticlesOfWorlds(table, layout_).rows_by_world(count());
+            known.rows = particles_of_all_ranks<k>().rows_by_world(count());
             known.mark = table.id_mark();
         }
         return known.rows;

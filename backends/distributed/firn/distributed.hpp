@@ -79,7 +79,13 @@ struct Distributed
     {
         return Local::queues && (error.where() == "CUDA" || error.where() == "NCCL");
     }
-    void begin_scene() { partition = std::make_shared<distributed::Partition>(); }
+    /// Each scene divides space by itself: that of a lattice along so many axes.
+    void begin_scene(Lattice const& lattice, int axes)
+    {
+        partition = std::make_shared<distributed::Partition>(lattice, axes);
+    }
+    /// The lattice has so many worlds: each rank gets a part of them.
+    void share_worlds(std::uint32_t count) const { partition->share_worlds(count, communicator.size()); }
     operator Local const&() const { return local; } ///< its arrays are the local ones
 
     /// See Communicator.

@@ -37,11 +37,12 @@ inline constexpr bool spans_devices<Backend> = !Backend::reaches_host_memory;
 
 namespace detail
 {
-/// The backend that a scene keeps. Ranks divide space for each scene by itself.
-template <class Backend>
-Backend backend_of_scene(Backend backend)
+/// The backend that a scene on a lattice along so many axes keeps. Ranks divide space for each scene by
+/// itself.
+template <class Backend, class Lattice>
+Backend backend_of_scene(Backend backend, [[maybe_unused]] Lattice const& lattice, [[maybe_unused]] int axes)
 {
-    if constexpr (spans_ranks<Backend>) backend.begin_scene();
+    if constexpr (spans_ranks<Backend>) backend.begin_scene(lattice, axes);
     return backend;
 }
 
@@ -215,23 +216,29 @@ std::string text_of(Numbers const&... numbers)
     return text.str();
 }
 
+/// A number that tells values apart by their bits.
+template <class T>
+std::uint64_t hash_of(std::vector<T> const& values)
+{
+    static_assert(std::is_trivially_destructible_v<T>, "what is compared is a plain value");
+    std::uint64_t hash = 0;
+    for (T const& value : values)
+        for (std::size_t first = 0; first < sizeof(T); first += sizeof hash) {
+            std::uint64_t bits = 0;
+            std::memcpy(&bits, reinterpret_cast<std::byte const*>(&value) + first,
+                        std::min(sizeof bits, sizeof(T) - first));
+            hash = (hash ^ bits) * 0x9e3779b97f4a7c15u;
+        }
+    return hash;
+}
+
 /// Refuses values of which other ranks pass others.
 template <class Backend, class T>
 void require_same_values([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* call,
                          [[maybe_unused]] char const* name, [[maybe_unused]] std::vector<T> const& values)
 {
-    if constexpr (spans_ranks<Backend>) {
-        static_assert(std::is_trivially_destructible_v<T>, "what is compared is a plain value");
-        std::uint64_t hash = 0;
-        for (T const& value : values)
-            for (std::size_t first = 0; first < sizeof(T); first += sizeof hash) {
-                std::uint64_t bits = 0;
-                std::memcpy(&bits, reinterpret_cast<std::byte const*>(&value) + first,
-                            std::min(sizeof bits, sizeof(T) - first));
-                hash = (hash ^ bits) * 0x9e3779b97f4a7c15u;
-            }
-        require_same_on_ranks(backend, call, text_of(values.size(), name, hash));
-    }
+    if constexpr (spans_ranks<Backend>)
+        require_same_on_ranks(backend, call, text_of(values.size(), name, hash_of(values)));
 }
 
 /// Does the work of a call that changes a scene. Where a rank runs out of memory, or its device fails, the

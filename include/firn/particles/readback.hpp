@@ -197,16 +197,17 @@ Vector<double, Table::d> position_of(Table const& table, std::uint32_t row)
     return found;
 }
 
-/// The cell of one particle, for error messages.
+/// The cell of one particle, for error messages; all ranks know it.
 template <class Table>
 Coordinates<Table::d> cell_of(Table const& table, std::uint32_t row)
 {
     auto const rows = detail::downloaded(table.contents().buffer[0].id);
-    Coordinates<Table::d> found = zeros<Coordinates<Table::d>>();
+    std::vector<Coordinates<Table::d>> found;
     table.cells().for_each([&](std::size_t place, Coordinates<Table::d> const& cell) {
-        if (rows[place] == row) found = cell;
+        if (rows[place] == row) found.push_back(cell);
     });
-    return found;
+    found = detail::of_all_ranks(table.backend(), std::move(found));
+    return found.empty() ? zeros<Coordinates<Table::d>>() : found.front();
 }
 
 /// Masses [kg]; `mass_unit` is that of the scene [kg].

@@ -117,12 +117,14 @@ void for_each_list(MaterialSnapshot<Number, d>& of, Use const& use)
 }
 
 /// Makes one snapshot of those that the ranks have of their own particles, in the same order as on one rank.
+/// Their cells are from `centre` on.
 template <class Table, class Number, int d>
-void gather_snapshot(Table const& table, MaterialSnapshot<Number, d>& to)
+void gather_snapshot(Table const& table, MaterialSnapshot<Number, d>& to,
+                     Coordinates<d> const& centre = zeros<Coordinates<d>>())
 {
     for_each_list(to, [&](auto& list) { list = of_all_ranks(table.backend(), std::move(list)); });
     std::vector<std::uint64_t> keys;
-    for (auto const& cell : to.cells) keys.push_back(table.cells().block_of(cell));
+    for (auto const& cell : to.cells) keys.push_back(table.cells().block_of(cell + centre));
     std::vector<std::uint32_t> places(keys.size());
     std::iota(places.begin(), places.end(), std::uint32_t(0));
     std::ranges::stable_sort(places, {}, [&](std::uint32_t place) { return keys[place]; });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
@@ -33,6 +34,24 @@ namespace firn
 
 namespace detail
 {
+/// Refuses a state of which other ranks have another one.
+template <class Backend, class Number, int d>
+void require_same_state([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* where,
+                        [[maybe_unused]] WorldState<Number, d> const& state)
+{
+    if constexpr (spans_ranks<Backend>) {
+        std::vector<double> const numbers{state.time, state.masses.unit, state.bounds.speed,
+                                          state.bounds.wave_speed, state.bounds.deformation_rate};
+        std::vector<std::uint64_t> hashes{hash_of(numbers)};
+        for (auto material : state.materials) {
+            for_each_list(material, [&](auto const& list) { hashes.push_back(hash_of(list)); });
+            for (auto const& group : material.mass_groups)
+                hashes.push_back(hash_of(std::vector<Number>{group.mass, group.volume}) + group.first_row);
+        }
+        require_same_values(backend, where, "state", hashes);
+    }
+}
+
 /// Refuses the state of a world of other materials, kernels or cells than those of a SceneState, and one that
 /// no world can have.
 template <class Scene, class Number, int d>
@@ -218,7 +237,7 @@ FIRN_COLD void return_particles(Table& table, std::vector<Returning> const& comi
 }
 } // namespace detail
 
-/// Finds where the particles of some rows lie: called for every place.
+/// Finds where the particles of some rows lie: called for every place. Those of other ranks lie nowhere.
 struct FindRows
 {
     static constexpr auto none = std::numeric_limits<std::uint32_t>::max();
@@ -251,10 +270,10 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
     using Number = typename Table::Number;
     using PersistentFields = typename Table::PersistentFields;
     using DerivedFields = typename Table::DerivedFields;
-    std::size_t const count = from.ids.size(), all = count * worlds.size(), size = table.size(),
-                      kept = size - all;
+    std::size_t const count = from.ids.size(), all = count * worlds.size(), places = table.places();
     if (all == 0) return;
-    auto const& backend = table.backend();
+    using Backend = typename Table::Backend;
+    Backend const& backend = table.backend();
     std::vector<std::uint32_t> rows, ranks(all);
     std::vector<Coordinates<d>> cells;
     rows.reserve(all);
@@ -268,31 +287,44 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
     }
     std::iota(ranks.begin(), ranks.end(), std::uint32_t(0));
 
-    using Indices = typename Table::Backend::template Array<std::uint32_t>;
+    // What goes lies anywhere here, and on other ranks; what comes lies where its cells are.
+    std::vector<std::uint32_t> own;
+    if constexpr (spans_ranks<Backend>) own = table.cells().own(cells);
+    auto const here = [&](auto const& values) -> decltype(auto) {
+        return detail::values_here<Backend>(values, own);
+    };
+
+    using Indices = typename Backend::template Array<std::uint32_t>;
     auto const rows_there = detail::array_of(backend, rows), ranks_there = detail::array_of(backend, ranks);
     Indices rank_of_row(backend), place_of_rank(backend), new_place(backend);
-    typename Table::Backend::template Array<unsigned char> goes(backend);
-    rank_of_row.resize(size);
+    typename Backend::template Array<unsigned char> goes(backend);
+    rank_of_row.resize(table.size());
     place_of_rank.resize(all);
-    new_place.resize(size);
-    goes.resize(size);
-    rank_of_row.fill(0, size, FindRows::none);
+    new_place.resize(places);
+    goes.resize(places);
+    rank_of_row.fill(0, table.size(), FindRows::none);
+    place_of_rank.fill(0, all, FindRows::none);
     backend.for_each(all,
                      PutValues<std::uint32_t>{ranks_there.data(), rows_there.data(), rank_of_row.data()});
-    backend.for_each(size, FindRows{table.contents().buffer[0].id.data(), rank_of_row.data(), goes.data(),
-                                    place_of_rank.data(), new_place.data()});
+    backend.for_each(places, FindRows{table.contents().buffer[0].id.data(), rank_of_row.data(), goes.data(),
+                                      place_of_rank.data(), new_place.data()});
     // What comes will lie at the end, so what lies there and stays moves into the places of what goes.
-    std::vector<std::uint32_t> from_place, to_place;
-    std::vector<unsigned char> last(all);
-    goes.download(kept, last);
-    for (std::size_t i = 0; i < all; ++i)
-        if (last[i] == 0) from_place.push_back(static_cast<std::uint32_t>(kept + i));
-    for (auto const place : detail::downloaded(place_of_rank))
-        if (place < kept) to_place.push_back(place);
+    auto to_place = detail::downloaded(place_of_rank);
+    std::erase_if(to_place, [](std::uint32_t place) { return place == FindRows::none; });
+    std::size_t const leaving = to_place.size(), kept = places - leaving;
+    std::erase_if(to_place, [&](std::uint32_t place) { return place >= kept; });
     std::sort(to_place.begin(), to_place.end());
+    std::vector<std::uint32_t> from_place;
+    std::vector<unsigned char> last(leaving);
+    goes.download(kept, last);
+    for (std::size_t i = 0; i < leaving; ++i)
+        if (last[i] == 0) from_place.push_back(static_cast<std::uint32_t>(kept + i));
     auto const from_there = detail::array_of(backend, from_place),
                to_there = detail::array_of(backend, to_place);
-    auto const cells_there = detail::array_of(backend, cells);
+    std::vector<Coordinates<d>> const& cells_here = here(cells);
+    auto const cells_there = detail::array_of(backend, cells_here);
+    std::size_t const places_then = kept + cells_here.size();
+    if (places_then > places) table.contents().resize_buffers(backend, places_then);
     backend.for_each(from_place.size(),
                      PutValues<std::uint32_t>{to_there.data(), from_there.data(), new_place.data()});
 
@@ -311,7 +343,7 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
             using Value = typename std::decay_t<decltype(column)>::Value;
             backend.for_each(from_place.size(),
                              MoveValues<Value>{column.data(), from_there.data(), to_there.data()});
-            column.upload(kept, values);
+            column.upload(kept, here(values));
         };
         for (std::size_t a = 0; a < from.offsets.size(); ++a)
             replace(buffer.offset[a], repeated(from.offsets[a]));
@@ -331,7 +363,9 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
             });
         });
         to.cells.erase(goes.data(), new_place.data(), kept);
-        to.cells.insert(cells_there.data(), cells.size(), static_cast<std::uint32_t>(kept));
+        to.cells.insert(cells_there.data(), cells_here.size(), static_cast<std::uint32_t>(kept));
+        to.places = places_then;
+        if (places_then < places) to.resize_buffers(backend, places_then);
     });
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/world_layout.hpp>
@@ -15,6 +16,7 @@
 #include <limits>
 #include <numeric>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 // The particles of one of many worlds in memory of the host. `Table` is a ParticleTable.
@@ -68,7 +70,7 @@ struct FindWorlds
     }
 };
 
-/// In which worlds the particles of a table are, and their rows: both by place.
+/// In which worlds the particles of a table are, and their rows: both by place, of those that lie here.
 struct ParticlesOfWorlds
 {
     std::vector<std::uint32_t> world_at, row_at;
@@ -76,13 +78,22 @@ struct ParticlesOfWorlds
     template <class Table>
     ParticlesOfWorlds(Table const& table, WorldLayout<Table::d> const& layout)
     {
-        if (table.size() == 0) return;
+        if (table.places() == 0) return;
         typename Table::Backend::template Array<std::uint32_t> worlds(table.backend());
-        worlds.resize(table.size());
+        worlds.resize(table.places());
         table.backend().for_each_place(table.cells(), FindWorlds<Table::d>{layout, worlds.data()});
         world_at = detail::downloaded(worlds);
         row_at = detail::downloaded(table.contents().buffer[0].id);
-        row_at.resize(table.size());
+        row_at.resize(table.places());
+    }
+
+    /// The same of the particles of all ranks, in no order of places.
+    template <class Backend>
+    ParticlesOfWorlds of_all_ranks(Backend const& backend) &&
+    {
+        world_at = detail::of_all_ranks(backend, std::move(world_at));
+        row_at = detail::of_all_ranks(backend, std::move(row_at));
+        return std::move(*this);
     }
 
     /// The rows of the particles of each of `count` worlds, in rising order.
@@ -100,11 +111,12 @@ struct ParticlesOfWorlds
     RemovalMask<Backend> mask(std::uint32_t world, Backend const& backend) const
     {
         RemovalMask<Backend> mask(backend);
-        if (world_at.empty()) return mask;
         mask.here.resize(world_at.size());
         for (std::size_t place = 0; place < world_at.size(); ++place)
             mask.here[place] = world_at[place] == world ? 1 : 0;
-        mask.count = static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1));
+        mask.count = detail::sum_of_ranks(
+            backend, static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1)));
+        if (mask.here.empty()) return mask;
         mask.there.resize(mask.here.size());
         mask.there.upload(0, mask.here);
         return mask;
@@ -126,7 +138,7 @@ auto particles_of_world(Table& table, ParticlesOfWorlds const& all, std::uint32_
         rows.push_back(all.row_at[place]);
         to.cells.push_back(cell - centre);
     });
-    std::vector<std::uint32_t> rising = rows;
+    auto rising = detail::of_all_ranks(table.backend(), rows);
     std::sort(rising.begin(), rising.end());
     for (auto const row : rows)
         to.ids.push_back(static_cast<std::uint32_t>(std::ranges::lower_bound(rising, row) - rising.begin()));
@@ -139,13 +151,14 @@ auto particles_of_world(Table& table, ParticlesOfWorlds const& all, std::uint32_
                    rows_there = detail::array_of(table.backend(), rows);
         picked.gather(table.backend(), contents.buffer[0], places_there.data(), places.size());
         gathered.gather(table.backend(), table.cached(), rows_there.data());
-        to.mass_groups = detail::groups_of_rows(contents.mass_groups.here(), rising);
     }
+    if (!rising.empty()) to.mass_groups = detail::groups_of_rows(contents.mass_groups.here(), rising);
     for (std::size_t a = 0; a < to.offsets.size(); ++a) to.offsets[a] = detail::downloaded(picked.offset[a]);
     detail::add_fields<typename Table::PersistentFields>(
         to, [&](std::size_t c) { return detail::downloaded(picked.component[c]); });
     detail::add_fields<typename Table::DerivedFields>(
         to, [&](std::size_t c) { return detail::downloaded(gathered.column(int(c))); });
+    if constexpr (spans_ranks<typename Table::Backend>) detail::gather_snapshot(table, to, centre);
     return to;
 }
 

@@ -47,7 +47,7 @@ public:
     template <class List>
     SceneState(Lattice cells, List list, Transfer const& scheme, Backend runner)
         : lattice(require_whole_periods<typename Sets::CellOrder, d>(lattice_for<Number>(cells))),
-          transfer(scheme), backend(detail::backend_of_scene(std::move(runner))),
+          transfer(scheme), backend(detail::backend_of_scene(std::move(runner), lattice, d)),
           sets(std::move(list), lattice, Kernel::degree, backend), grid_state(lattice, transfer, backend)
     {
         if constexpr (spans_ranks<Backend>) detail::require_same_on_ranks(backend, "Solver", description());

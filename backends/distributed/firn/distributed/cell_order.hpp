@@ -35,14 +35,15 @@ public:
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
-        : Local(backend.local, periods), communicator_(backend.communicator), partition_(backend.partition)
+        : Local(backend.local, periods), communicator_(backend.communicator), partition_(backend.partition),
+          curve_(partition_->lattice(), Local::extent)
     {}
 
     C const& communicator() const { return communicator_; }
     /// The rank that has a block of cells.
     int owner(Coordinates<d> const& block) const
     {
-        return partition_->owner(place_on_curve<d>(this->periods().wrapped(block)));
+        return partition_->owner(curve_.place(this->periods().wrapped(block)));
     }
 
     /// The key of a cell's block, in the order in which blocks are visited.
@@ -56,7 +57,7 @@ public:
     std::vector<std::uint32_t> own(std::span<Coordinates<d> const> cells)
     {
         return partition_->own(communicator_, cells.size(), [&](std::size_t i) {
-            return place_on_curve<d>(this->periods().wrapped(Local::block_and_place(cells[i]).first));
+            return curve_.place(this->periods().wrapped(Local::block_and_place(cells[i]).first));
         });
     }
 
@@ -74,7 +75,7 @@ public:
         gone_.clear();
         std::size_t const channels = Local::contribution_size();
         auto const rank_of = [&](Flow const& flow) {
-            return partition_->owner(place_on_curve<d>(block_of_key<d>(flow.key)));
+            return partition_->owner(curve_.place(block_of_key<d>(flow.key)));
         };
         for (auto& to : by_rank) put(to.notes, std::uint64_t{channels});
         Local::divert([&](Flow const& flow) { return rank_of(flow) != communicator_.rank(); },
@@ -111,7 +112,7 @@ public:
     {
         for (auto const& block : this->blocks())
             to.push_back(
-                {place_on_curve<d>(block.coordinates), block.end - block.begin + Partition::weight_of_block});
+                {curve_.place(block.coordinates), block.end - block.begin + Partition::weight_of_block});
     }
 
     /// After space has been divided anew: what leaves for another rank with whole blocks, their order and
@@ -229,6 +230,7 @@ private:
 
     C communicator_;
     std::shared_ptr<Partition> partition_;
+    Curve<d> curve_;
     std::vector<std::uint32_t> gone_; ///< where items lay that have left for other ranks
     std::vector<Leaver> arrived_;     ///< what came in the last rebin, flow by flow
     std::vector<Number> contributions_;

@@ -37,7 +37,8 @@ public:
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
-        : Local(backend.local, periods), communicator_(backend.communicator), partition_(backend.partition)
+        : Local(backend.local, periods), communicator_(backend.communicator), partition_(backend.partition),
+          curve_(partition_->lattice(), Local::extent)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -158,11 +159,12 @@ private:
 
     std::uint64_t on_curve(Coordinates<d> const& cell) const
     {
-        return place_on_curve<d>(this->periods_.wrapped(cell));
+        return curve_.place(this->periods_.wrapped(cell));
     }
 
     C communicator_;
     std::shared_ptr<Partition> partition_;
+    Curve<d> curve_;
 };
 
 template <class Number, int d, int degree, int sums, int values, int layers, bool own_values, class Order>

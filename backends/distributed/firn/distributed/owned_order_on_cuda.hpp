@@ -52,8 +52,9 @@ public:
     template <class Backend>
     explicit OwnedOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
-          here_(backend), strays_(backend), search_(backend), owners_(backend), blocks_here_(backend),
-          told_(backend.queue()), shared_(backend.queue()), count_(backend)
+          curve_(partition_->lattice(), Local::extent), here_(backend), strays_(backend), search_(backend),
+          owners_(backend), blocks_here_(backend), told_(backend.queue()), shared_(backend.queue()),
+          count_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -66,7 +67,7 @@ public:
     /// The rank that has a block of cells.
     int owner(Coordinates<d> const& block) const
     {
-        return partition_->owner(place_on_curve<d>(this->periods_.wrapped(block)));
+        return partition_->owner(curve_.place(this->periods_.wrapped(block)));
     }
     /// Of all blocks.
     std::span<std::uint64_t const> keys() const { return of_all_.keys(); }
@@ -92,7 +93,7 @@ public:
     std::vector<std::uint32_t> own(std::span<Coordinates<d> const> cells)
     {
         return partition_->own(communicator_, cells.size(), [&](std::size_t i) {
-            return place_on_curve<d>(this->periods_.wrapped(block_at(cells[i])));
+            return curve_.place(this->periods_.wrapped(block_at(cells[i])));
         });
     }
 
@@ -217,7 +218,7 @@ public:
         for (std::size_t b = 0; b < items.size(); ++b)
             if (items[b] > 0)
                 to.push_back(
-                    {place_on_curve<d>(block_of_key<d>(keys()[b])), items[b] + Partition::weight_of_block});
+                    {curve_.place(block_of_key<d>(keys()[b])), items[b] + Partition::weight_of_block});
     }
 
     std::size_t memory() const
@@ -347,6 +348,7 @@ protected:
     }
     C communicator_;
     std::shared_ptr<Partition> partition_;
+    Curve<d> curve_;
     OwnedBlocks of_all_;
     std::size_t all_ = 0;                                   ///< items of all ranks
     Searched searched_{};                                   ///< of the items that left their cells last

@@ -3,8 +3,10 @@
 
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/world_layout.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -37,15 +39,61 @@ constexpr std::uint64_t spread(std::uint64_t bits)
 
 /// A block's place on a curve through all blocks, on which neighbours lie close together (Morton 1966): the
 /// digits of its coordinates by turns.
+/// Coordinates are from -2^(bits - 1) on.
 template <int d>
-std::uint64_t place_on_curve(Coordinates<d> const& block)
+std::uint64_t place_on_curve(Coordinates<d> const& block, int bits = block_key_bits<d>)
 {
-    constexpr int bits = block_key_bits<d>;
-    std::uint64_t const key = block_key<d>(block), all = (std::uint64_t{1} << bits) - 1;
+    std::uint64_t const all = (std::uint64_t{1} << bits) - 1;
     std::uint64_t place = 0;
-    for (int a = 0; a < d; ++a) place |= spread<d - 1>((key >> ((d - 1 - a) * bits)) & all) << (d - 1 - a);
+    for (int a = 0; a < d; ++a) {
+        auto const along =
+            static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
+        place |= spread<d - 1>(along & all) << (d - 1 - a);
+    }
     return place;
 }
+
+/// The upper bits of a place that tell the world, where a lattice has many.
+inline int bits_of_world(Lattice const& lattice, int d) { return lattice.world_bits * d; }
+
+/// The curve through the blocks of a lattice. Where this has many worlds, the blocks of each world follow one
+/// another, by the number of the world.
+template <int d>
+class Curve
+{
+public:
+    /// Blocks have `extent(axis)` cells, a power of two.
+    template <class Extent>
+    Curve(Lattice const& lattice, Extent const& extent)
+    {
+        bits_of_world_ = bits_of_world(lattice, d);
+        if (bits_of_world_ == 0) return;
+        layout_ = WorldLayout<d>::of(lattice);
+        int least = extent(0);
+        for (int a = 0; a < d; ++a) {
+            extent_[std::size_t(a)] = extent(a);
+            least = std::min(least, extent(a));
+        }
+        for (bits_ = layout_.size_bits; least > 1; least /= 2) --bits_;
+    }
+
+    std::uint64_t place(Coordinates<d> block) const
+    {
+        if (bits_of_world_ == 0) return place_on_curve<d>(block);
+        Coordinates<d> cell;
+        for (int a = 0; a < d; ++a) cell[a] = block[a] * extent_[std::size_t(a)];
+        std::uint32_t const world = layout_.world_of(cell);
+        Coordinates<d> const centre = layout_.centre(world);
+        for (int a = 0; a < d; ++a) block[a] -= centre[a] / extent_[std::size_t(a)];
+        return (std::uint64_t{world} << (64 - bits_of_world_)) | place_on_curve<d>(block, bits_);
+    }
+
+private:
+    WorldLayout<d> layout_{};
+    std::array<int, std::size_t(d)> extent_{};
+    int bits_ = 0; ///< of a block's coordinates in its world
+    int bits_of_world_ = 0;
+};
 
 /// Which rank has which blocks of space: each has a part of the curve through all of them. All ranks know the
 /// same partition.
@@ -55,6 +103,12 @@ public:
     /// What a block counts beside its items: its nodes are updated, too.
     static constexpr std::uint64_t weight_of_block = 32; // items
 
+    /// For the blocks of a lattice along so many axes.
+    explicit Partition(Lattice const& lattice = {1}, int d = 3)
+        : lattice_(lattice), bits_of_world_(bits_of_world(lattice, d))
+    {}
+
+    Lattice const& lattice() const { return lattice_; }
     bool is_set() const { return is_set_; }
     /// The rank that has the block at a place on the curve; before it is set, rank 0 has all.
     int owner(std::uint64_t place) const
@@ -75,6 +129,18 @@ public:
         is_set_ = true;
     }
 
+    /// Gives each rank about as many of the first `count` worlds, until items are counted.
+    void share_worlds(std::uint32_t count, int ranks)
+    {
+        if (bits_of_world_ == 0) return; // there is one
+        begins_.clear();
+        for (std::uint64_t rank = 1, all = static_cast<std::uint64_t>(ranks); rank < all; ++rank) {
+            std::uint64_t const first = (rank * count + all - 1) / all;
+            begins_.push_back(first < count ? first << (64 - bits_of_world_) : ~std::uint64_t(0));
+        }
+        is_set_ = true;
+    }
+
     /// What a block on the curve counts.
     struct Weight
     {
@@ -85,15 +151,8 @@ public:
     bool divide_anew(std::vector<Weight> weights, int ranks)
     {
         std::ranges::sort(weights, {}, &Weight::place);
-        auto const heaviest = [&](std::vector<std::uint64_t> const& begins) {
-            std::vector<std::uint64_t> of_rank(static_cast<std::size_t>(ranks), 0);
-            for (auto const& [place, weight] : weights)
-                of_rank[static_cast<std::size_t>(std::ranges::upper_bound(begins, place) - begins.begin())] +=
-                    weight;
-            return std::ranges::max(of_rank);
-        };
         auto begins = divided(weights, ranks);
-        if (heaviest(begins) * 50 > heaviest(begins_) * 49) return false;
+        if (heaviest(weights, begins) * 50 > heaviest(weights, begins_) * 49) return false;
         begins_ = std::move(begins);
         ++divisions_;
         return true;
@@ -128,8 +187,34 @@ public:
     }
 
 private:
-    /// Where the parts of ranks 1, 2, … begin so that each has about as much; `weights` are by place.
-    static std::vector<std::uint64_t> divided(std::span<Weight const> weights, int ranks)
+    static std::uint64_t heaviest(std::span<Weight const> weights, std::vector<std::uint64_t> const& begins)
+    {
+        std::vector<std::uint64_t> of_rank(begins.size() + 1, 0);
+        for (auto const& [place, weight] : weights)
+            of_rank[static_cast<std::size_t>(std::ranges::upper_bound(begins, place) - begins.begin())] +=
+                weight;
+        return std::ranges::max(of_rank);
+    }
+
+    /// Where the parts of ranks 1, 2, … begin so that each has about as much; `weights` are by place. Parts
+    /// begin with a world, if they are hardly heavier for it: they have no border then.
+    std::vector<std::uint64_t> divided(std::span<Weight const> weights, int ranks) const
+    {
+        if (bits_of_world_ == 0) return cut(weights, ranks);
+        std::vector<Weight> worlds;
+        std::uint64_t all = 0;
+        for (auto const& [place, weight] : weights) {
+            int const in_world = 64 - bits_of_world_;
+            std::uint64_t const begin = place >> in_world << in_world;
+            if (worlds.empty() || worlds.back().place != begin) worlds.push_back({begin, 0});
+            worlds.back().weight += weight;
+            all += weight;
+        }
+        auto begins = cut(worlds, ranks);
+        bool const is_even = double(heaviest(worlds, begins)) * ranks <= (1 + most_imbalance) * double(all);
+        return is_even ? begins : cut(weights, ranks);
+    }
+    static std::vector<std::uint64_t> cut(std::span<Weight const> weights, int ranks)
     {
         std::uint64_t all = 0, before = 0;
         for (auto const& block : weights) all += block.weight;
@@ -145,6 +230,8 @@ private:
         return begins;
     }
 
+    Lattice lattice_;
+    int bits_of_world_;
     int steps_ = steps_between_looks;   ///< since it was looked at
     std::vector<std::uint64_t> begins_; ///< where the parts of ranks 1, 2, … begin
     bool is_set_ = false;
