@@ -3,6 +3,7 @@
 
 #include <firn/cuda/block_begins.hpp>
 #include <firn/cuda/block_set.hpp>
+#include <firn/cuda/cell_arrays.hpp>
 #include <firn/cuda/empty_blocks.hpp>
 #include <firn/cuda/finish_step.hpp>
 #include <firn/cuda/host_signal.hpp>
@@ -11,8 +12,6 @@
 #include <firn/cuda/tuning.hpp>
 
 #include <algorithm>
-#include <bit>
-#include <limits>
 #include <utility>
 #include <vector>
 
@@ -24,12 +23,14 @@ namespace firn::cuda
 /// Items are not moved: `order` says where they lie. Blocks that have lost all of their items stay until
 /// there are too many of them.
 template <class Number, int d>
-class CellOrder
+class CellOrder : public CellArrays<Number, d>
 {
+    using Arrays = CellArrays<Number, d>;
+
 public:
+    using Arrays::blocks, Arrays::signal, Arrays::changes;
+    using typename Arrays::Offset, typename Arrays::Leavers;
     using Shape = BlockShape<d>;
-    using Offset = typename CellOffset<Number>::Stored;
-    using Leavers = detail::Leavers<Number>;
 
     /// Cells beyond this coordinate have no key (see block_key); one more is kept in reserve for items about
     /// to leave.
@@ -58,28 +59,15 @@ public:
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
-        : queue_(backend.queue()), periods_(periods.in_blocks(extent)), set_(queue_), begin_(queue_),
-          new_begin_(queue_), order_(queue_), order_before_(queue_), left_(queue_), changes_(queue_),
-          block_begin_(queue_), chunks_(queue_), arrived_begin_(queue_), arrived_(queue_), leavers_(queue_),
-          blocks_before_(queue_), signal_(queue_)
+        : Arrays(backend.queue(), periods.in_blocks(extent))
     {}
 
     /// The cells of a block along an axis, of which a period is a multiple.
     static constexpr int extent(int) { return Shape::extent; }
 
-    Queue const& queue() const { return queue_; }
-    std::size_t size() const { return size_; }
-    std::uint32_t blocks() const { return set_.size(); }
     /// How many groups of threads work on the items of the first so many blocks.
     static std::uint32_t groups(std::uint32_t of_blocks) { return of_blocks; }
     View view() const { return {set_.keys(), begin_.data(), order_.data()}; }
-
-    std::size_t memory() const
-    {
-        return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() +
-               order_before_.memory() + left_.memory() + changes_.memory() + block_begin_.memory() +
-               arrived_begin_.memory() + arrived_.memory() + leavers_.memory() + blocks_before_.memory();
-    }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(Coordinates<d> const* cells, std::size_t number, std::uint32_t first)
@@ -216,14 +204,6 @@ public:
         find_block_begins(); // for the next rebin(): when rebinning early each block found its own
     }
 
-    /// How many times empty blocks were removed, and the previous indices of the blocks that stayed.
-    std::uint32_t generation() const { return generation_; }
-    std::uint32_t const* blocks_before() const { return blocks_before_.data(); }
-    std::uint32_t blocks_kept() const
-    {
-        return blocks_kept_;
-    } ///< how many of these there are; later blocks are new
-
     /// Makes room for leavers, and forgets the last ones. The loop behind this call lists leavers, and finds
     /// their cells.
     Leavers expect_outgoing(int channels)
@@ -239,8 +219,6 @@ public:
         is_to_find_ = !destinations().at_once;
         return leavers_.view(channels);
     }
-    unsigned char* left() { return left_.data(); }
-    detail::Changes changes() { return changes_.view(); }
     detail::Destinations<d> destinations()
     {
         return {changes(), set_.view(), set_.keys(), periods_, is_small() ? 3 : 0, rebins_early()};
@@ -269,10 +247,6 @@ public:
     {
         return is_to_find_ ? std::min(groups_of(leavers_.most, detail::scanning_threads), 256u) : 1;
     }
-
-    /// The signal by which loops know whether they have work to do.
-    detail::Signal signal() { return signal_.view(); }
-    detail::Signal signal() const { return signal_.view(); } ///< once there are items
 
     /// Waits until at most two of the queued steps, those of rebin_early(), are still to come; false if steps
     /// have stopped (see HostSignal).
@@ -314,10 +288,6 @@ public:
     Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
     Leavers leavers() const { return leavers_.view(channels_); }
 
-    /// Says that all items now lie at their slots.
-    void commit() { committed_ = true; }
-    bool committed() const { return committed_; }
-
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
     template <class Visit>
     void for_each(Visit const& visit) const
@@ -332,24 +302,7 @@ public:
     }
 
 protected: // for an order that several devices share
-    using LeaverArrays = detail::LeaverArrays<Number>;
-
-    /// Where the device stores the blocks' beginnings.
-    detail::BlockBegins begins()
-    {
-        block_begin_.resize(blocks());
-        return {blocks(), block_begin_.data()};
-    }
-
-    void find_block_begins() { detail::find_begins_of_all_blocks(queue_, begins(), changes(), chunks_); }
-
-    void stay_all()
-    {
-        std::uint32_t const cells = blocks() * Shape::cells;
-        if (cells == 0) return;
-        launch_after("stay_all", queue_, detail::stay_all, groups_of(cells, 256), 256, begin_.data(), cells,
-                     changes());
-    }
+    using typename Arrays::LeaverArrays;
 
     /// Where blocks were missing in a step of a scene that spreads, requests those around, too. Returns how
     /// many there are in all.
@@ -360,130 +313,21 @@ protected: // for an order that several devices share
         return detail::missing_around<d>(queue_, set_, begin_.data(), periods_);
     }
 
-    /// Numbers the blocks that a loop found missing, or makes room for them; clears the incoming items.
-    void add_blocks(std::uint32_t births)
-    {
-        std::uint32_t const before = blocks();
-        require(births < (std::numeric_limits<std::uint32_t>::max() - 1) / Shape::cells - before,
-                "there would have been more than 67 million blocks of cells that hold items", "CUDA",
-                "Use larger cells, or several solvers.");
-        if (set_.has_room_for(births))
-            set_.number(births);
-        else
-            set_.reserve_more(births);
-        std::uint32_t const cells = blocks() * Shape::cells;
-        if (cells == 0) return;
-        begin_.resize(std::size_t(cells) + 1);
-        new_begin_.renew(begin_.size()); // stopped loops load from it before they see that they are stopped
-        new_begin_.fill_bytes(0, new_begin_.size(), 0);
-        changes_.resize(blocks());
-        launch_after("clear_cells", queue_, detail::clear_cells, groups_of(cells, 256), 256,
-                     before * Shape::cells, cells, static_cast<std::uint32_t>(size_), begin_.data(),
-                     changes());
-    }
+    using Arrays::begin_, Arrays::new_begin_, Arrays::order_, Arrays::order_before_, Arrays::committed_,
+        Arrays::size_, Arrays::queue_, Arrays::periods_, Arrays::set_, Arrays::left_, Arrays::changes_,
+        Arrays::arrived_begin_, Arrays::arrived_, Arrays::leavers_, Arrays::signal_,
+        Arrays::may_have_arrived_;
+    using Arrays::begins, Arrays::find_block_begins, Arrays::stay_all, Arrays::add_blocks,
+        Arrays::list_live_blocks, Arrays::forget_empty_blocks, Arrays::rearrange;
 
-    /// Makes room for so many blocks, and for an eighth more, where the arrays of cells have to grow.
-    void reserve_blocks(std::uint32_t all)
-    {
-        std::size_t const before = begin_.size();
-        if (before == 0 || (std::size_t(all) * Shape::cells + 1) * sizeof(std::uint32_t) <= begin_.memory())
-            return;
-        std::uint32_t const more = all + all / 8, now = blocks();
-        std::size_t const cells = std::size_t(more) * Shape::cells + 1;
-        begin_.resize(cells);
-        begin_.resize(before);
-        for (auto* const array : {&new_begin_, &arrived_begin_}) array->renew(cells);
-        changes_.resize(more);
-        changes_.resize(now);
-        block_begin_.renew(more);
-    }
-
-    /// Lists the blocks that hold items in `blocks_before_`, in their order. Returns how many there are.
-    std::uint32_t list_live_blocks()
-    {
-        return detail::list_live_blocks(queue_, begin_.data(), blocks(), blocks_before_);
-    }
-    /// Renumbers the `count` blocks that are listed so, and drops the others.
-    void forget_empty_blocks(std::uint32_t count)
-    {
-        new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        auto& new_arrived_begin =
-            changes_.first_incoming; // no longer needed: this step's incoming items are in the order
-        may_have_arrived_ = true;
-        new_arrived_begin.renew(new_begin_.size());
-        launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
-                     begin_.data(), arrived_begin_.data(), new_begin_.data(), new_arrived_begin.data());
-        std::swap(begin_, new_begin_);
-        std::swap(arrived_begin_, new_arrived_begin);
-        changes_.first_incoming.renew(std::size_t(count) * Shape::cells);
-        set_.keep(blocks_before_.data(), count);
-        blocks_kept_ = count;
-        ++generation_;
-    }
-
-    /// Writes the new order of `items` items once the beginnings of blocks are known: those that stay in
-    /// their cells, and at most `count` that come. If the device has a part of the blocks, `part` says which.
-    template <class AnyLeavers>
-    void rearrange(AnyLeavers const& leavers, std::uint32_t count, unsigned char const* left,
-                   std::array<Offset*, d> const& offset, std::size_t items,
-                   detail::PartOfBlocks const* part = nullptr)
-    {
-        bool const comes_in = left == nullptr;
-        new_begin_.renew(blocks() * Shape::cells + 1);
-        arrived_begin_.renew(new_begin_.size());
-        arrived_.renew(count);
-        Array<std::uint32_t> next(queue_);
-        bool const in_place = committed_;
-        if (in_place)
-            order_.resize(items);
-        else
-            next.resize(items);
-        if (comes_in) left_.renew(items);
-
-        detail::NewOrder const to{in_place ? nullptr : order_.data(),
-                                  left,
-                                  new_begin_.data(),
-                                  arrived_begin_.data(),
-                                  arrived_.data(),
-                                  in_place ? order_.data() : next.data(),
-                                  leavers.scratch()};
-        if (part == nullptr)
-            launch_behind("rearrange", queue_, detail::rearrange<d, AnyLeavers>, blocks(), 64, 0, signal(),
-                          begin_.data(), changes(), block_begin_.data(), leavers, to, offset);
-        else
-            launch_behind("rearrange", queue_, detail::rearrange_part<d, AnyLeavers>, part->groups(), 64, 0,
-                          signal(), begin_.data(), changes(), block_begin_.data(), leavers, to, offset,
-                          *part);
-        std::swap(begin_, new_begin_);
-        if (!in_place) std::swap(order_, next);
-        size_ = items;
-        if (comes_in || !in_place) queue_.wait(); // buffers in use are about to be freed
-        committed_ = false;
-    }
-
-    Queue queue_;
-    Periods<d> periods_; ///< of blocks
-    std::size_t size_ = 0;
-    bool committed_ = true;
     bool kept_order_ = false; ///< the last rebin kept the previous order
     std::uint32_t rebinned_blocks_ = 0;
     std::array<Offset*, d> offset_{}; ///< those of the last rebin
-    BlockSet set_;
-    Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
-    Array<unsigned char> left_; ///< per slot: whether the item left its cell
-    detail::ChangeArrays changes_;
-    Array<std::uint64_t> block_begin_, chunks_;
-    Array<std::uint32_t> arrived_begin_, arrived_;
-    LeaverArrays leavers_;
     int channels_ = 0;
-    std::uint32_t generation_ = 0, blocks_kept_ = 0;
-    Array<std::uint32_t> blocks_before_;
-    detail::HostSignal signal_;
     detail::Stop short_{}; ///< what was reported last
     detail::RateOfBirths rate_of_births_;
-    bool crowded_ = false;         ///< many blocks hold no items
-    bool is_to_find_ = false;      ///< the leavers have yet to find their new cells
-    bool may_have_arrived_ = true; ///< the counts of incoming items may not all be zero
+    bool crowded_ = false;    ///< many blocks hold no items
+    bool is_to_find_ = false; ///< the leavers have yet to find their new cells
 };
 
 } // namespace firn::cuda
