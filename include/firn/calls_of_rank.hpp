@@ -4,6 +4,7 @@
 #include <firn/core/all_ranks.hpp>
 #include <firn/core/fields.hpp>
 #include <firn/core/space.hpp>
+#include <firn/particles/readback.hpp>
 
 #include <cstdint>
 #include <vector>
@@ -45,6 +46,19 @@ public:
     {
         return by_id_here<Which, FieldValue<Tag, typename Solver::Number, Solver::d>>(
             [](auto const& scene, auto k) { return scene.template download<Tag, k>(Rows::here); });
+    }
+
+    /// A stored field in the backend's memory, see Solver::view. Rows are those of all particles: the one at
+    /// place i has the id `ids()[row[i]]`, of the material.
+    template <class Tag, class Which = EveryMaterial>
+    auto view_here() const
+    {
+        auto const& solver = static_cast<Solver const&>(*this);
+        using Traits = typename Solver::template MaterialTraits<Which>;
+        static_assert(Traits::Stored::template contains<Tag>,
+                      "this field is not stored: ask download_here() for it");
+        auto const access = solver.guard_.read("Solver::view_here");
+        return detail::view_here<Tag>(solver.scene_.sets.template particles<Traits::place>());
     }
 
 private:

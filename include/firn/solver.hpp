@@ -305,13 +305,17 @@ public:
     {
         static_assert(MaterialTraits<Which>::Stored::template contains<Tag>,
                       "this field is not stored: ask download() for it, or write_positions() for positions");
+        static_assert(!spans_ranks<Backend>,
+                      "a rank has a part of the particles alone: ask view_here() for the values of these, or "
+                      "download() for those of all");
         auto const access = guard_.read("Solver::view");
-        return field_view<Tag>(scene_.sets.template particles<MaterialTraits<Which>::place>());
+        return detail::view_here<Tag>(scene_.sets.template particles<MaterialTraits<Which>::place>());
     }
 
     /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
     /// particle goes to `to[i * stride + a]`. On a device the work is queued in the backend's stream, so a
-    /// mapped renderer's buffer needs no copy.
+    /// mapped renderer's buffer needs no copy. Over ranks each has memory for all particles, and what lies on
+    /// others goes through the host.
     template <class Which = Every>
     void write_positions(Number* to, std::size_t stride = d) const
     {

@@ -258,6 +258,20 @@ TEST_CASE("particles that come, go and are set, and periods, keep the same bits 
         append_report(all, solver.advance(0.05));
         append_all(all, solver);
         append(all, solver.template download<AffineVelocity>());
+        using Memory = typename std::remove_cvref_t<decltype(backend)>::template Array<double>;
+        auto const written = [&](std::size_t stride, auto const& write) {
+            Memory memory(backend);
+            memory.resize(solver.size() * stride);
+            memory.fill(0, memory.size(), 0.5);
+            write(memory.data(), stride);
+            std::vector<double> here(memory.size());
+            memory.download(0, here);
+            append(all, here);
+        };
+        written(3, [&](auto... to) { solver.write_positions(to...); });
+        written(2, [&](auto... to) { solver.template write<Velocity>(to...); }); // gathered
+        written(4, [&](auto... to) { solver.template write<DisplacementGradient>(to...); });
+        written(5, [&](auto... to) { solver.template write<Stress>(to...); });
         return all;
     });
 }
@@ -334,6 +348,17 @@ TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
             velocities[7][0] = 1e4;
             solver.upload<Velocity>(velocities);
             note([&] { solver.step(1e-3); });
+        });
+    }
+    SECTION("memory for values that is none on one rank")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {}, on(communicator));
+            solver.add(box_of_points<2>({0, 0}, {1, 1}, 0.05), 0.05 * 0.05);
+            firn::test::Local::Array<double> memory(on(communicator));
+            memory.resize(2 * solver.size());
+            note([&] { solver.write_positions(communicator.rank() == 1 ? nullptr : memory.data()); });
+            solver.advance(0.01);
         });
     }
     SECTION("a checkpoint that one rank does not see")

@@ -3,6 +3,7 @@
 #include "distributed/numbers.hpp"
 #include "support/meshes.hpp"
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/distributed.hpp>
 #include <firn/distributed/rank_threads.hpp>
 #include <firn/firn.hpp>
@@ -62,12 +63,19 @@ TEST_CASE("a rank returns the values of its own particles, and each particle is 
         auto const x = solver.positions(), x_here = solver.positions_here();
         auto const v = solver.download<Velocity>(), v_here = solver.download_here<Velocity>();
         auto const s = solver.download<Stress>(), s_here = solver.download_here<Stress>();
+        auto const strains = solver.download<DisplacementGradient, Sand<Flat>>();
+        auto const view = solver.view_here<DisplacementGradient, Sand<Flat>>();
         auto const sand = solver.ids<Sand<Flat>>(), sand_here = solver.ids_here<Sand<Flat>>();
         std::lock_guard const lock(one_at_a_time);
         for (std::size_t i = 0; i < here.size(); ++i) {
             auto const row = std::size_t(std::ranges::lower_bound(all, here[i]) - all.begin());
             different += !(x[row] == x_here[i] && v[row] == v_here[i] && s[row] == s_here[i]);
         }
+        for (std::size_t i = 0; i < view.count; ++i) {
+            different += !firn::exactly_equal(view.component[1][i * view.stride], strains[view.row[i]](0, 1));
+            different += !std::ranges::binary_search(sand_here, sand[view.row[i]]);
+        }
+        different += view.count != sand_here.size();
         for (auto const id : here)
             others += std::ranges::binary_search(sand, id) != std::ranges::binary_search(sand_here, id);
         different += !std::ranges::is_sorted(here) || x_here.size() != here.size();

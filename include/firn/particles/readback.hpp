@@ -267,13 +267,45 @@ auto view_here(Table const& table)
 }
 } // namespace detail
 
-/// A stored field in the backend's memory.
-template <class Tag, class Table>
-auto field_view(Table const& table)
+/// Copies numbers of some particles between a list and memory by row: called for every place in the list.
+template <class Number, bool to_list>
+struct CopyByRow
 {
-    static_assert(!spans_ranks<typename Table::Backend>,
-                  "a rank has a part of the particles alone: ask download() for the values of all");
-    return detail::view_here<Tag>(table);
+    std::uint32_t const* row;
+    Number *by_row, *list;
+    std::size_t stride, components; ///< component c of place i: by_row[row[i] * stride + c]
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        for (std::size_t c = 0; c < components; ++c) {
+            Number& at_row = by_row[row[place] * stride + c];
+            Number& in_list = list[place * components + c];
+            if constexpr (to_list)
+                in_list = at_row;
+            else
+                at_row = in_list;
+        }
+    }
+};
+
+/// Completes memory by row to which each rank has written the values of the particles that lie on it.
+template <class Table, class Number = typename Table::Number>
+void write_rows_of_other_ranks([[maybe_unused]] Table const& table, [[maybe_unused]] Number* to,
+                               [[maybe_unused]] std::size_t stride, [[maybe_unused]] std::size_t components)
+{
+    if constexpr (spans_ranks<typename Table::Backend>) {
+        auto const& backend = table.backend();
+        typename Table::Backend::template Array<Number> own(backend);
+        own.resize(table.places() * components);
+        backend.for_each(table.places(), CopyByRow<Number, true>{table.contents().buffer[0].id.data(), to,
+                                                                 own.data(), stride, components});
+        auto const rows = detail::of_all_ranks(backend, detail::rows_of(table));
+        auto const values = detail::of_all_ranks(backend, detail::downloaded(own));
+        auto const rows_there = detail::array_of(backend, rows);
+        auto values_there = detail::array_of(backend, values);
+        backend.for_each(rows.size(), CopyByRow<Number, false>{rows_there.data(), to, values_there.data(),
+                                                               stride, components});
+    }
 }
 
 /// The function object that writes a stored field; see Solver::write.

@@ -194,25 +194,26 @@ public:
     template <std::size_t k>
     void write_positions(Number* to, std::size_t stride) const
     {
-        static_assert(!spans_ranks<Backend>,
-                      "a rank has a part of the particles alone: ask positions() for those of all");
         auto const& table = particles<k>();
         require_room(to, table.size(), stride, d, "Solver::write_positions");
-        if (table.size() > 0) backend.for_each_place(table.cells(), position_writer(table, to, stride));
+        if (table.size() == 0) return;
+        backend.for_each_place(table.cells(), position_writer(table, to, stride));
+        write_rows_of_other_ranks(table, to, stride, d);
     }
 
     /// Writes a field of a material's particles; see Solver::write.
     template <class Tag, std::size_t k>
     void write(Number* to, std::size_t stride) const
     {
-        static_assert(!spans_ranks<Backend>,
-                      "a rank has a part of the particles alone: ask download() for the values of all");
-        require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
+        constexpr std::size_t components = component_count<Tag>(d);
+        detail::require_same_on_ranks(backend, "Solver::write", Tag::name);
+        require_room(to, particles<k>().size(), stride, components, "Solver::write");
         if (particles<k>().size() == 0) return;
         if constexpr (ObservedField<Tag>)
             write_observed<Tag, k>(*this, to, stride);
         else
             grid_state.template write<Tag, k>(sets, to, stride);
+        write_rows_of_other_ranks(particles<k>(), to, stride, components);
     }
 
     /// A field of a material's particles, by row: see GridState::download, and observe.hpp.
@@ -284,6 +285,11 @@ private:
     /// Checks the caller's memory before something is written to it for `count` particles.
     void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
                       char const* where) const
+    {
+        detail::on_all_ranks(backend, [&] { require_room_here(to, count, stride, components, where); });
+    }
+    void require_room_here(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
+                           char const* where) const
     {
         require(to != nullptr || count == 0, "there is no memory to write to", where,
                 "Pass room for size() times stride numbers.");
