@@ -8,6 +8,10 @@
 #include <firn/distributed/rank_threads.hpp>
 #include <firn/firn.hpp>
 #include <firn/worlds.hpp>
+#if !defined(__CUDACC__) && defined(FIRN_TESTS_ALL)
+#include <firn/distributed/on_reference.hpp>
+#include <firn/reference.hpp>
+#endif
 
 #include <algorithm>
 #include <array>
@@ -160,6 +164,24 @@ TEST_CASE("many worlds come to the same bits on any number of ranks")
 {
     require_same_on_any_ranks(EveryCall<OfBlocks>{});
 }
+
+#if !defined(__CUDACC__) && defined(FIRN_TESTS_ALL)
+TEST_CASE("many worlds come to the same numbers on the reference backend on one rank and on three")
+{
+    EveryCall<Plane> const scene;
+    Numbers const alone = scene(Reference{});
+    std::vector<std::size_t> different(3, 0);
+    run_ranks(3, [&](RankThreads const& communicator) {
+        Numbers const here =
+            scene(Distributed<Reference, RankThreads>{.local = {}, .communicator = communicator});
+        auto& count = different[std::size_t(communicator.rank())];
+        count = here.size() == alone.size() ? 0 : 1;
+        for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i) // sums are in another order
+            count += !(std::abs(here[i] - alone[i]) <= 1e-9 * (1 + std::abs(alone[i])));
+    });
+    CHECK(different == std::vector<std::size_t>(3, 0));
+}
+#endif
 
 TEST_CASE(
     "obstacles that act at their surface do so in many worlds with the same bits on any number of ranks")
