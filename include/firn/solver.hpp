@@ -327,7 +327,7 @@ public:
     /// by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored are gathered
     /// from the grid for it, which takes a part of a step's time.
     template <class Tag, class Which = Every>
-    void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
+    void write(Number* to, std::size_t stride = std::size_t(component_count<Tag>(d))) const
     {
         auto const access = guard_.read("Solver::write");
         static_assert(ObservedField<Tag> || MaterialTraits<Which>::State::template contains<Tag>,
