@@ -1,11 +1,26 @@
 // SPDX-License-Identifier: MIT
 //
-// A block of elastic particles that lies on a floor, on several ranks: how long a step takes, and what
-// travels.
-//     mpirun --bind-to none -n RANKS ranks PARTICLES [threads]
-// prints, for so many particles in all, one line for `results.py`. With one rank it is the backend without
-// ranks, too. As `ranks_cuda` each rank has a device of its own, as long as there are as many, and `nccl` in
-// the place of the threads lets devices send to one another by NCCL.
+// How long a whole step takes on several ranks, and what travels (see ranks.sh):
+//
+//     mpirun --bind-to none -n RANKS ranks [--particles N] [--blocks B] [--threads T] [--nccl] [--steps S]
+//     SCENE...
+//
+// A scene is made of B blocks of N elastic particles side by side along the first axis. There are as many as
+// ranks if nothing is said, so that each rank has the same work in the same phase of the same scene on any
+// number of ranks.
+//
+// - elastic: they fly in all directions, sideways too, and fall on a floor. Each particle lies anywhere in
+// its eighth
+//   of a cell, so that some change their cells in each step.
+// - layers: the same on a lattice, where whole layers change their cells at once, and only ten steps come
+// before.
+// - splash: they are thrown on the floor sideways, which deforms and scatters them.
+//
+// It prints the median and the mean of calls of ten steps, after 64 steps in which arrays get their room;
+// with one rank also those of the backend without ranks. As `ranks_cuda` each rank has a device of its own,
+// as long as there are as many, and --nccl lets devices send to one another by NCCL.
+#include "timing.hpp"
+
 #include <firn/firn.hpp>
 #include <firn/mpi.hpp>
 #if defined(__CUDACC__)
@@ -23,6 +38,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <random>
 #include <span>
 #include <string>
 #include <type_traits>
@@ -109,49 +125,136 @@ private:
     }
 };
 
-/// The time of a step [s], the median of some calls of ten.
-template <class Backend>
-double seconds_of_step(Backend const& backend, double particles)
+/// What is to be timed.
+struct Options
 {
-    double const h = 0.1;
-    int const across = static_cast<int>(std::lround(std::cbrt(particles)));
+    int particles = 125000; ///< of a block
+    int blocks = 0;         ///< 0: as many as ranks
+    int threads = 1, steps = 200;
+    bool by_nccl = false;
+    std::vector<std::string> scenes;
+};
+
+/// The times of a step [s]: the median of calls of ten, the mean and the longest one; and how many parts of
+/// space have been made anew meanwhile.
+struct Times
+{
+    double median = 0, mean = 0, longest = 0;
+    int divisions = 0;
+};
+
+/// Blocks of particles side by side along the first axis.
+std::vector<Eigen::Vector3d> blocks_of_points(Options const& options, double spacing, double jitter)
+{
+    int const side = static_cast<int>(std::lround(std::cbrt(options.particles)));
+    std::mt19937 random(7);
     std::vector<Eigen::Vector3d> points;
-    for (int i = 0; i < across; ++i)
-        for (int j = 0; j < across; ++j)
-            for (int k = 0; k < across; ++k)
-                points.push_back((Eigen::Vector3d(i, j, k).array() + 0.5) * h / 2);
+    points.reserve(std::size_t(options.blocks) * std::size_t(side) * std::size_t(side) * std::size_t(side));
+    for (int i = 0; i < options.blocks * side; ++i)
+        for (int j = 0; j < side; ++j)
+            for (int k = 0; k < side; ++k) {
+                Eigen::Vector3d place(i, j, k);
+                for (double& x : place) x += 0.5 + jitter * (double(random()) * 0x1p-32 - 0.5);
+                points.push_back(place * spacing);
+            }
+    return points;
+}
+
+template <class Backend>
+Times times_of_step(Backend const& backend, Options const& options, std::string const& scene)
+{
+    bool const splashes = scene == "splash", is_regular = scene == "layers";
+    double const h = is_regular ? 0.1 : 0.01, spacing = h / 2, throwing = 5;
     Solver<Backend, Rubber> solver(lattice(h), {}, {}, {}, backend);
-    solver.add(points, h * h * h / 8, {1, 0, 2});
-    Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.2, 0}}};
+    solver.add(blocks_of_points(options, spacing, is_regular ? 0 : 0.999), std::pow(spacing, 3),
+               splashes ? Eigen::Vector3d(2, -throwing, 1) : Eigen::Vector3d(1, 0, 2));
+    Obstacle<HalfSpace> const floor{.motion = {.position = {0, -2 * h, 0}}};
+    if (splashes) // until half of it has come to the floor
+        solver.advance(0.5 * std::cbrt(options.particles) * spacing / throwing, Gravity{}, floor);
     double const dt = 0.5 * solver.stable_step(Gravity{}, floor);
-    solver.steps(10, dt, Gravity{}, floor);
-    if constexpr (spans_ranks<Backend>) *backend.communicator.sent = {};
+    solver.steps(is_regular ? 10 : 64, dt, Gravity{}, floor);
+    int divisions = 0;
+    if constexpr (spans_ranks<Backend>) {
+        *backend.communicator.sent = {};
+        divisions = solver.backend().partition->divisions();
+    }
     std::vector<double> times;
-    for (int call = 0; call < 7; ++call) {
+    Times found;
+    for (int done = 0; done < options.steps; done += 10) {
         auto const begin = std::chrono::steady_clock::now();
         solver.steps(10, dt, Gravity{}, floor);
         times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() / 10);
+        found.mean += times.back();
     }
-    std::nth_element(times.begin(), times.begin() + 3, times.end());
-    return times[3];
+    found.mean /= double(times.size());
+    found.median = bench::median(times);
+    found.longest = std::ranges::max(times);
+    if constexpr (spans_ranks<Backend>) found.divisions = solver.backend().partition->divisions() - divisions;
+    return found;
 }
 
-/// Prints how long a step of a scene takes on the ranks of a communicator.
-template <class Local, class C>
-void measure(Local const& local, C const& of, double particles, int threads)
+void print(std::string const& scene, Options const& options, std::string const& on, Times const& times)
 {
-    Counted<C> const communicator{of};
-    double const seconds = seconds_of_step(Distributed<Local, Counted<C>>{local, communicator}, particles);
-    Sent const sent = *communicator.sent;
-    if (communicator.rank() == 0)
-        std::printf(
-            "%d ranks of %d threads, %.0f particles: %.3f ms a step; %.2f calls, %.2f messages, %.0f kB, "
-            "%.3f ms in them\n",
-            communicator.size(), threads, particles, 1e3 * seconds, sent.calls / 70, sent.messages / 70,
-            sent.bytes / 70e3, 1e3 * sent.seconds / 70);
-    if (communicator.size() == 1)
-        std::printf("no ranks, %d threads: %.3f ms a step\n", threads,
-                    1e3 * seconds_of_step(local, particles));
+    std::printf("%s, %d blocks of %d particles, %s: %.3f ms a step, mean %.3f, longest of ten %.3f",
+                scene.c_str(), options.blocks, options.particles, on.c_str(), 1e3 * times.median,
+                1e3 * times.mean, 1e3 * times.longest);
+}
+
+/// Prints how long a step of each scene takes on the ranks of a communicator.
+template <class Local, class C>
+void measure(Local const& local, C const& of, Options options)
+{
+    if (options.blocks == 0) options.blocks = of.size();
+    for (auto const& scene : options.scenes) {
+        Counted<C> const communicator{of};
+        Times const times =
+            times_of_step(Distributed<Local, Counted<C>>{local, communicator}, options, scene);
+        Sent const sent = *communicator.sent;
+        double const steps = options.steps;
+        std::string const threads =
+            std::to_string(options.threads) + (options.threads == 1 ? " thread" : " threads");
+        if (communicator.rank() == 0) {
+            print(scene, options, std::to_string(of.size()) + " ranks of " + threads, times);
+            std::printf(
+                "; rank 0: %.2f calls, %.2f messages, %.1f kB a step, %.3f ms in calls; space divided anew "
+                "%d times\n",
+                sent.calls / steps, sent.messages / steps, sent.bytes / steps / 1e3,
+                1e3 * sent.seconds / steps, times.divisions);
+        }
+        if (communicator.size() == 1) {
+            print(scene, options, "no ranks, " + threads, times_of_step(local, options, scene));
+            std::printf("\n");
+        }
+        std::fflush(stdout);
+    }
+}
+
+/// Reads the arguments; returns what is wrong with them, or nothing.
+std::string read(int argc, char** argv, Options& options)
+{
+    for (int i = 1; i < argc; ++i) {
+        std::string const name = argv[i];
+        if (name == "--nccl") {
+            options.by_nccl = true;
+            continue;
+        }
+        if (name == "elastic" || name == "layers" || name == "splash") {
+            options.scenes.push_back(name);
+            continue;
+        }
+        int* const number = name == "--particles" ? &options.particles
+                            : name == "--blocks"  ? &options.blocks
+                            : name == "--threads" ? &options.threads
+                            : name == "--steps"   ? &options.steps
+                                                  : nullptr;
+        if (number == nullptr) return "unknown argument '" + name + "'";
+        double const value = ++i < argc ? std::atof(argv[i]) : 0;
+        if (!(value >= 1 && value < 2e9)) return name + " needs a number above 0";
+        *number = static_cast<int>(value);
+    }
+    if (options.scenes.empty()) options.scenes = {"elastic"};
+    options.steps = (options.steps + 9) / 10 * 10; // calls are of ten
+    return {};
 }
 
 } // namespace
@@ -160,22 +263,23 @@ int main(int argc, char** argv)
 {
     MPI_Init(&argc, &argv);
     {
-        double const particles = argc > 1 ? std::atof(argv[1]) : 125000;
-        int const threads = argc > 2 ? std::max(std::atoi(argv[2]), 1) : 1;
         Mpi const communicator;
-        auto const local = backend_of(communicator.rank(), threads);
-        bool const by_nccl = argc > 2 && std::string(argv[2]) == "nccl";
-#if defined(__CUDACC__) && defined(FIRN_HAS_NCCL)
-        if (by_nccl)
-            measure(local, Nccl<Mpi>(communicator, local.device), particles, threads);
-        else
-#else
-        if (by_nccl) {
-            std::fprintf(stderr, "this program was built without NCCL: see the components of the build\n");
+        Options options;
+        std::string wrong = read(argc, argv, options);
+#if !(defined(__CUDACC__) && defined(FIRN_HAS_NCCL))
+        if (options.by_nccl) wrong = "this program was built without NCCL: see the components of the build";
+#endif
+        if (!wrong.empty()) {
+            if (communicator.rank() == 0) std::fprintf(stderr, "ranks: %s.\n", wrong.c_str());
             MPI_Abort(MPI_COMM_WORLD, 1);
         }
+        auto const local = backend_of(communicator.rank(), options.threads);
+#if defined(__CUDACC__) && defined(FIRN_HAS_NCCL)
+        if (options.by_nccl)
+            measure(local, Nccl<Mpi>(communicator, local.device), options);
+        else
 #endif
-            measure(local, communicator, particles, threads);
+            measure(local, communicator, options);
     }
     MPI_Finalize();
 }
