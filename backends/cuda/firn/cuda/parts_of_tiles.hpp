@@ -141,7 +141,11 @@ static __global__ void __launch_bounds__(bordering_threads)
     if (threadIdx.x == 0 && blockIdx.x + 1 == gridDim.x) *count = static_cast<std::uint32_t>(before + here);
 }
 
-/// How many parts of tiles of a layer a device swaps with another one, and of how many nodes.
+/// The blocks of nodes at borders are listed in so many chunks, each by a group of threads.
+inline constexpr unsigned chunks_of_borders = 32;
+
+/// How many parts of tiles of a layer a device swaps with another one, and of how many nodes, for the blocks
+/// of nodes of a chunk.
 struct CountsOfParts
 {
     std::uint32_t sent, came, nodes_sent, nodes_came;
@@ -152,41 +156,46 @@ struct CountsOfParts
 template <int d, int layers>
 struct ListsOfParts
 {
-    CountsOfParts* counts; ///< per layer and device
+    CountsOfParts* counts; ///< per layer, device and chunk
     PartOfTile<d>*sent[layers], *came[layers];
     std::uint32_t room_sent[layers], room_came[layers]; ///< what is beyond is not listed
     bool counts_only;
 };
 
 /// Counts or lists the parts of tiles that the device `rank` swaps: above each block of nodes at a border,
-/// each device sends its own to all others. A group of threads does so for a layer and another device. They
-/// are counted before they are listed.
+/// each device sends its own to all others. A group of threads does so for a layer, another device and a
+/// chunk of these blocks. They are counted before they are listed.
 template <int d, int layers, int corners, int extent, int width>
-__global__ void __launch_bounds__(scanning_threads)
+__global__ void __launch_bounds__(bordering_threads)
     list_parts(BlocksAbove<layers> of, std::uint32_t const* borders, std::uint32_t const* border_count,
                std::uint32_t rank, std::uint32_t devices, ListsOfParts<d, layers> lists)
 {
     using Part = PartOfTile<d>;
-    std::uint32_t const layer = blockIdx.x / devices, other = blockIdx.x % devices, count = *border_count;
-    CountsOfParts* const of_devices = lists.counts + layer * devices;
+    std::uint32_t const chunk = blockIdx.x % chunks_of_borders,
+                        other = blockIdx.x / chunks_of_borders % devices,
+                        layer = blockIdx.x / chunks_of_borders / devices, count = *border_count,
+                        each = (count + chunks_of_borders - 1) / chunks_of_borders, begin = chunk * each,
+                        end = begin + each < count ? begin + each : count;
+    CountsOfParts* const of_chunks = lists.counts + layer * devices * chunks_of_borders;
+    std::uint32_t const own_chunk = other * chunks_of_borders + chunk;
     auto const pair = [](std::uint32_t sent, std::uint32_t came) { return std::uint64_t{came} << 32 | sent; };
     std::uint64_t parts = 0, nodes = 0; // both counts in one number, those that are sent in the lower half
     if (!lists.counts_only) {
         std::uint64_t mine_of_parts = 0, mine_of_nodes = 0;
-        for (std::uint32_t device = threadIdx.x; device < other; device += scanning_threads) {
-            CountsOfParts const before = of_devices[device];
+        for (std::uint32_t i = threadIdx.x; i < own_chunk; i += bordering_threads) {
+            CountsOfParts const before = of_chunks[i];
             mine_of_parts += pair(before.sent, before.came);
             mine_of_nodes += pair(before.nodes_sent, before.nodes_came);
         }
-        sum_before_in_block<scanning_threads>(mine_of_parts, parts);
-        sum_before_in_block<scanning_threads>(mine_of_nodes, nodes);
+        sum_before_in_block<bordering_threads>(mine_of_parts, parts);
+        sum_before_in_block<bordering_threads>(mine_of_nodes, nodes);
     }
-    for (std::uint32_t first = 0; first < count && other != rank; first += scanning_threads) {
+    for (std::uint32_t first = begin; first < end && other != rank; first += bordering_threads) {
         std::uint32_t const i = first + threadIdx.x;
         std::uint32_t own = 0, theirs = 0; // corners above which there are cells of the layer
         bool is_above = false;             // whether cells of the other one are
-        std::uint32_t const node_block = i < count ? borders[i] : 0;
-        for (int k = 0; i < count && k < layers * corners; ++k) {
+        std::uint32_t const node_block = i < end ? borders[i] : 0;
+        for (int k = 0; i < end && k < layers * corners; ++k) {
             std::uint32_t const block = of.covered_by[k / corners][node_block * corners + k % corners];
             if (block == absent) continue;
             std::uint32_t const owner = of.owners[k / corners][block];
@@ -203,11 +212,11 @@ __global__ void __launch_bounds__(scanning_threads)
             nodes_came += (theirs >> corner & 1) * of_part;
         }
         std::uint64_t all_parts, all_nodes;
-        std::uint64_t const at = parts + sum_before_in_block<scanning_threads>(
+        std::uint64_t const at = parts + sum_before_in_block<bordering_threads>(
                                              pair(static_cast<std::uint32_t>(__popc(own)),
                                                   static_cast<std::uint32_t>(__popc(theirs))),
                                              all_parts),
-                            at_node = nodes + sum_before_in_block<scanning_threads>(
+                            at_node = nodes + sum_before_in_block<bordering_threads>(
                                                   pair(nodes_sent, nodes_came), all_nodes);
         parts += all_parts;
         nodes += all_nodes;
@@ -229,8 +238,8 @@ __global__ void __launch_bounds__(scanning_threads)
         list(theirs, at >> 32, at_node >> 32, lists.came[layer], lists.room_came[layer]);
     }
     if (lists.counts_only && threadIdx.x == 0)
-        of_devices[other] = {static_cast<std::uint32_t>(parts), static_cast<std::uint32_t>(parts >> 32),
-                             static_cast<std::uint32_t>(nodes), static_cast<std::uint32_t>(nodes >> 32)};
+        of_chunks[own_chunk] = {static_cast<std::uint32_t>(parts), static_cast<std::uint32_t>(parts >> 32),
+                                static_cast<std::uint32_t>(nodes), static_cast<std::uint32_t>(nodes >> 32)};
 }
 
 } // namespace firn::cuda::detail

@@ -118,7 +118,8 @@ private:
     /// Lists the parts of tiles that ranks swap for the blocks of nodes at borders.
     void list_parts(Above const& above, std::uint32_t rank, std::size_t ranks)
     {
-        counts_of_parts_.renew_amply(count_of_layers * ranks);
+        constexpr std::size_t chunks = cuda::detail::chunks_of_borders;
+        counts_of_parts_.renew_amply(count_of_layers * ranks * chunks);
         auto const list = [&](bool counts_only) {
             cuda::detail::ListsOfParts<d, layers> lists{};
             lists.counts = counts_of_parts_.data();
@@ -133,23 +134,27 @@ private:
                 "list_parts", queue_,
                 cuda::detail::list_parts<d, layers, LocalGrid::corners, LocalGrid::Shape::extent,
                                          LocalGrid::TileShape::width>,
-                static_cast<unsigned>(count_of_layers * ranks), cuda::detail::scanning_threads, above,
-                borders_.data(), counts_.data() + listed_.size() - 1, rank, static_cast<std::uint32_t>(ranks),
-                lists);
+                static_cast<unsigned>(count_of_layers * ranks * chunks), cuda::detail::bordering_threads,
+                above, borders_.data(), counts_.data() + listed_.size() - 1, rank,
+                static_cast<std::uint32_t>(ranks), lists);
         };
         list(true);
         list(false); // mostly there is room
-        auto const* const counts = tell_lists(counts_of_parts_.data(), count_of_layers * ranks);
+        auto const* const counts = tell_lists(counts_of_parts_.data(), count_of_layers * ranks * chunks);
         bool had_room = true;
         for (std::size_t l = 0; l < count_of_layers; ++l) {
             std::size_t sent = 0, came = 0;
             std::vector<std::size_t> sent_begin{0}, came_begin{0};
             for (std::size_t r = 0; r < ranks; ++r) {
-                auto const& of_rank = counts[l * ranks + r];
-                sent += of_rank.sent;
-                came += of_rank.came;
-                sent_begin.push_back(sent_begin.back() + of_rank.nodes_sent);
-                came_begin.push_back(came_begin.back() + of_rank.nodes_came);
+                sent_begin.push_back(sent_begin.back());
+                came_begin.push_back(came_begin.back());
+                for (std::size_t c = 0; c < chunks; ++c) {
+                    auto const& of_chunk = counts[(l * ranks + r) * chunks + c];
+                    sent += of_chunk.sent;
+                    came += of_chunk.came;
+                    sent_begin.back() += of_chunk.nodes_sent;
+                    came_begin.back() += of_chunk.nodes_came;
+                }
             }
             had_room = sent_[l].had_room(sent, sent_begin) && had_room;
             had_room = came_[l].had_room(came, came_begin) && had_room;
