@@ -3,6 +3,7 @@
 
 #include <firn/cuda/results_of_devices.hpp>
 #include <firn/cuda/share_step.hpp>
+#include <firn/cuda/side_queue.hpp>
 #include <firn/cuda/strays.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
@@ -71,7 +72,7 @@ class SharedResults
 {
 public:
     explicit SharedResults(cuda::Queue const& queue)
-        : queue_(queue), own_(queue), all_(queue), heads_(queue), exchange_(queue)
+        : queue_(queue), side_(queue), own_(queue), all_(queue), heads_(queue), exchange_(queue)
     {}
 
     /// Called when the items of all orders have moved: queues the search for their new cells, what this rank
@@ -110,10 +111,14 @@ public:
                     *of.here, of.which, told + searches + loop, own_.data() + next);
                 next += of.all->template bytes<Result>();
             });
-            cuda::launch_after("tell_step", queue_, cuda::detail::tell_step<OfNodes, OfItems, orders>,
+            // beside the search, and not a part of it: see TellStep
+            cuda::Queue const beside = side_.begin();
+            cuda::OnDevice const with(beside);
+            cuda::launch_after("tell_step", beside, cuda::detail::tell_step<OfNodes, OfItems, orders>,
                                tell.groups, cuda::detail::telling_threads, tell);
         }
         if (!again) search(cells, told, of_order);
+        if (are_more) side_.end();
         unsigned char const* all = own_.data();
         if (are_more) {
             all_.renew(bytes * ranks);
@@ -216,6 +221,7 @@ private:
     }
 
     cuda::Queue queue_;
+    cuda::SideQueue side_;
     cuda::Array<unsigned char> own_, all_;
     std::size_t cleared_ = 0; ///< bytes at the beginning of what this rank tells that are 0
     cuda::HostMemory heads_;  ///< what each rank tells at first
