@@ -606,15 +606,25 @@ TEST_CASE(
 
 TEST_CASE("space is divided anew where a body has flown from one rank's part into another's")
 {
-    std::vector<int> divisions(3, 0);
-    run_ranks(3, [&](RankThreads const& communicator) {
-        Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {}, on(communicator));
+    auto const flown = [](auto const& backend, int* divisions) {
+        using Backend = std::remove_cvref_t<decltype(backend)>;
+        Solver<Backend, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {}, backend);
         solver.add(box_of_points<2>({0, 0}, {1.2, 1.2}, 0.05), 0.05 * 0.05, {20, 5});
         solver.advance(0.5);
-        divisions[std::size_t(communicator.rank())] = solver.backend().partition->divisions();
+        if constexpr (spans_ranks<Backend>) *divisions = solver.backend().partition->divisions();
+        Numbers all;
+        append_all(all, solver);
+        return all;
+    };
+    Numbers const alone = flown(local(), nullptr);
+    std::vector<int> divisions(3, 0), same(3, 0);
+    run_ranks(3, [&](RankThreads const& communicator) {
+        auto const rank = std::size_t(communicator.rank());
+        same[rank] = flown(on(communicator), &divisions[rank]) == alone;
     });
     CHECK(divisions[0] >= 2);
     CHECK(divisions == std::vector<int>(3, divisions[0]));
+    CHECK(same == std::vector<int>(3, 1));
 }
 
 #if !defined(FIRN_ON_PROCESSOR) || defined(FIRN_TESTS_ALL) // else they take long

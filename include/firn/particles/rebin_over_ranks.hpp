@@ -187,27 +187,53 @@ void make_room_for(Array& array, std::size_t places, std::size_t kept)
     array.resize(places, kept);
 }
 
+/// Makes room in all arrays for particles that come from other ranks behind the first ones.
+template <class Contents>
+void make_room_for_coming(Contents& to, std::size_t first, std::size_t coming)
+{
+    if (coming == 0) return;
+    for_each_array(to.buffer[0], [&](auto& array) { make_room_for(array, first + coming, first); });
+    for_each_array(to.buffer[1], [&](auto& array) { make_room_for(array, first + coming, 0); });
+}
+
+/// The arrays of particles that travel from device to device with them.
+template <class Contents>
+struct TravellingFields
+{
+    Contents& contents;
+
+    template <class Use>
+    void by_place(Use&& use) const
+    {
+        for_each_array(contents.buffer[0], use);
+    }
+    /// Those of fields that are cached: their rows are found by ids.
+    template <class Use>
+    void by_id(Use&& use) const
+    {
+        if (!sends_cached(contents)) return;
+        auto& cached = contents.gathered.values();
+        for (std::size_t c = 0; c < cached.columns(); ++c) use(cached.column(static_cast<int>(c)));
+    }
+    auto& ids() const { return contents.buffer[0].id; }
+};
+
 /// ParticleTable::sort() where particles may leave for other ranks, and come from them.
 template <class Contents, class Backend>
 void rebin_over_ranks(Contents& to, Backend const& backend)
 {
     auto const offset = [&] { return to.buffer[0].view().offset; }; // arrays grow
-    if constexpr (Backend::shares_results)
-        if (!sends_cached(to)) {
-            std::size_t const first = to.places;
-            auto const fields = [&](auto&& use) { for_each_array(to.buffer[0], use); };
-            if (std::size_t const coming = to.cells.coming(); coming > 0) {
-                fields([&](auto& array) { make_room_for(array, first + coming, first); });
-                for_each_array(to.buffer[1], [&](auto& array) { make_room_for(array, first + coming, 0); });
-            }
-            to.cells.swap_items(static_cast<std::uint32_t>(first), offset(), fields);
-            end_exchange(to, backend);
-            return;
-        }
-    exchange_particles(to, backend, to.cells.depart(offset()),
-                       [&](auto const& notes, std::uint32_t first, auto const& move) {
-                           to.cells.arrive(notes, first, offset(), move);
-                       });
+    if constexpr (Backend::shares_results) {
+        std::size_t const first = to.places;
+        make_room_for_coming(to, first, to.cells.coming());
+        to.cells.swap_items(static_cast<std::uint32_t>(first), offset(), TravellingFields<Contents>{to});
+        end_exchange(to, backend);
+    }
+    else
+        exchange_particles(to, backend, to.cells.depart(offset()),
+                           [&](auto const& notes, std::uint32_t first, auto const& move) {
+                               to.cells.arrive(notes, first, offset(), move);
+                           });
 }
 
 /// Hands particles over to other ranks where these have come to have very different shares. All particles
@@ -219,12 +245,22 @@ void balance_ranks(Sets& sets, Grid& grid, Backend const& backend)
     Sets::for_each([&](auto k) {
         auto& table = sets.template particles<k>();
         auto& to = table.contents();
+        using Contents = std::remove_reference_t<decltype(to)>;
         auto const layer = grid.layer(k);
         table.change([&] {
-            exchange_particles(to, backend, to.cells.hand_over(layer),
-                               [&](auto const& notes, std::uint32_t first, auto const& move) {
-                                   to.cells.take_over(notes, first, layer, move);
-                               });
+            if constexpr (Backend::shares_results) {
+                std::size_t const first = to.places;
+                to.cells.prepare_to_swap_blocks();
+                make_room_for_coming(to, first, to.cells.coming());
+                to.cells.swap_blocks(static_cast<std::uint32_t>(first), layer,
+                                     TravellingFields<Contents>{to});
+                end_exchange(to, backend);
+            }
+            else
+                exchange_particles(to, backend, to.cells.hand_over(layer),
+                                   [&](auto const& notes, std::uint32_t first, auto const& move) {
+                                       to.cells.take_over(notes, first, layer, move);
+                                   });
         });
     });
     grid.activate(sets.orders());

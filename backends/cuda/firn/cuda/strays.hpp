@@ -134,13 +134,15 @@ struct LeaversOfDevices : Leavers<Number>
     std::uint32_t* scratch() const { return spare; }
 };
 
-/// Lets items that came from other devices into their cells.
+/// Lets items that came from other devices into their cells; they lie at `place` and behind it.
 template <class Number>
-__global__ void admit(LeaversOfDevices<Number> leavers, std::uint32_t count, std::uint32_t const* cells,
-                      Changes changes)
+__global__ void admit(LeaversOfDevices<Number> leavers, std::uint32_t count, std::uint32_t place,
+                      std::uint32_t const* cells, Changes changes)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) arrive<Number>(leavers, changes, leavers.first + i, cells[i] / 64, cells[i] % 64);
+    if (i >= count) return;
+    leavers.slot[leavers.first + i] = place + i;
+    arrive<Number>(leavers, changes, leavers.first + i, cells[i] / 64, cells[i] % 64);
 }
 
 /// Counts the items of each block.
@@ -178,6 +180,30 @@ __global__ void note_strays(Stray const* strays, std::uint32_t count, Leavers<Nu
     auto const channels = static_cast<std::size_t>(leavers.channels);
     for (std::size_t c = 0; c < channels; ++c)
         contributions[i * channels + c] = leavers.contribution[stray.leaver * channels + c];
+}
+
+/// A block all of whose items leave for another device, and where these begin among all that leave.
+struct BlockOfItems
+{
+    std::uint32_t block, first;
+};
+
+/// Lists the items of such blocks, with a group of 64 threads for each: where they lie, by `order`, or at
+/// their slots if it is null; where they come from, and their cells there, without the first `before` of all.
+static __global__ void __launch_bounds__(64)
+    list_items_of_blocks(BlockOfItems const* blocks, std::uint32_t const* begin, std::uint32_t const* order,
+                         std::uint32_t before, std::uint32_t* places, std::uint64_t* origins,
+                         std::uint32_t* cells, std::uint32_t* block_stay)
+{
+    BlockOfItems const of = blocks[blockIdx.x];
+    std::uint32_t const cell = of.block * 64 + threadIdx.x, first = begin[of.block * 64];
+    for (std::uint32_t slot = begin[cell]; slot < begin[cell + 1]; ++slot) {
+        std::uint32_t const at = of.first + slot - first;
+        places[at] = order != nullptr ? order[slot] : slot;
+        origins[at - before] = LeaversOfDevices<float>::origin_of(of.block, slot);
+        cells[at - before] = cell;
+    }
+    if (threadIdx.x == 0) block_stay[of.block] = 0;
 }
 
 /// Arrays that are copied at once, each from place to place in elements of its own size.
@@ -220,13 +246,6 @@ static __global__ void copy_elements(CopiedArrays arrays, CopiedPlaces places, u
     else
         copy(std::uint8_t{});
 }
-/// Numbers elements from `first` on.
-static __global__ void number_from(std::uint32_t first, std::uint32_t count, std::uint32_t* to)
-{
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) to[i] = first + i;
-}
-
 /// Tells apart the places of items that have gone: those before `left` are holes, and those behind are
 /// marked.
 static __global__ void find_holes(std::uint32_t const* places, std::uint32_t gone, std::uint32_t left,
@@ -252,12 +271,27 @@ static __global__ void fill_holes(std::uint32_t const* is_gone, std::uint32_t be
     to[at] = place[i] = holes[at];
 }
 
-/// Items that lay at places from `first` on lie at `place[where it lay - first]` now.
+inline constexpr unsigned relocated_at_once = 4;
+
+/// Items that lay at places from `first` on lie at `place[where it lay - first]` now. `where` begins at a
+/// multiple of 16 bytes, since few threads that read much of it take a third of the time.
 static __global__ void relocate(std::uint32_t* where, std::size_t count, std::uint32_t first,
                                 std::uint32_t const* place)
 {
-    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < count && where[i] >= first) where[i] = place[where[i] - first];
+    struct alignas(16) Some
+    {
+        std::uint32_t of[relocated_at_once];
+    };
+    std::size_t const i = (std::size_t(blockIdx.x) * blockDim.x + threadIdx.x) * relocated_at_once;
+    if (i + relocated_at_once <= count) {
+        Some const lay = reinterpret_cast<Some const*>(where)[i / relocated_at_once];
+#pragma unroll
+        for (unsigned k = 0; k < relocated_at_once; ++k)
+            if (lay.of[k] >= first) where[i + k] = place[lay.of[k] - first];
+    }
+    else
+        for (std::size_t k = i; k < count; ++k)
+            if (where[k] >= first) where[k] = place[where[k] - first];
 }
 
 } // namespace firn::cuda::detail

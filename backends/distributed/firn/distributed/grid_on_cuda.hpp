@@ -93,24 +93,39 @@ public:
         Layer(Grid& grid, std::size_t number) : Local::Layer(grid, number), grid_(&grid), number_(number) {}
         void change_sums() const { grid_->are_old_ = true; }
 
-        /// The whole tiles of some blocks, one behind the other.
-        std::vector<Sums> tiles(std::vector<std::uint32_t> const& blocks) const
+        /// The whole tiles of blocks that ranks swap.
+        class SwapOfTiles
         {
-            Parts parts(grid_->queue_);
-            parts.set({whole(blocks)});
-            grid_->copy(number_, parts, true, grid_->leave_[number_]);
-            std::vector<Sums> tiles(parts.begin.back());
-            grid_->leave_[number_].download(0, tiles);
-            return tiles;
-        }
-        void set_tiles(std::vector<std::uint32_t> const& blocks, std::vector<Sums> const& tiles) const
+        public:
+            SwapOfTiles(Grid& grid, std::size_t number)
+                : grid_(grid), number_(number), out_(grid.queue_), in_(grid.queue_)
+            {}
+            void add_messages(std::vector<DeviceMessage>& to, std::vector<DeviceMessage>& from)
+            {
+                grid_.copy(number_, out_, true, grid_.leave_[number_]);
+                out_.add_messages(to, grid_.leave_[number_]);
+                in_.add_messages(from, grid_.arrive_[number_]);
+            }
+            void unpack() { grid_.copy(number_, in_, false, grid_.arrive_[number_]); }
+
+        private:
+            friend class Layer;
+            Grid& grid_;
+            std::size_t number_;
+            Parts out_, in_;
+        };
+        /// Those go to each rank, and these come from there.
+        SwapOfTiles swap_of_tiles(std::vector<std::vector<std::uint32_t>> const& go,
+                                  std::vector<std::vector<std::uint32_t>> const& come) const
         {
-            Parts parts(grid_->queue_);
-            parts.set({whole(blocks)});
-            grid_->arrive_[number_].renew(tiles.size());
-            grid_->arrive_[number_].upload(0, tiles);
-            grid_->copy(number_, parts, false, grid_->arrive_[number_]);
-            grid_->queue_.wait(); // the list of parts is about to be freed
+            SwapOfTiles swap(*grid_, number_);
+            PartsOfRanks<d> parts;
+            for (auto const& of_rank : go) parts.push_back(whole(of_rank));
+            swap.out_.set(parts);
+            parts.clear();
+            for (auto const& of_rank : come) parts.push_back(whole(of_rank));
+            swap.in_.set(parts);
+            return swap;
         }
 
         /// What the items have found in the last loop.

@@ -72,6 +72,8 @@ public:
     /// Of all blocks.
     std::span<std::uint64_t const> keys() const { return of_all_.keys(); }
     std::span<int const> owners() const { return of_all_.owners(); }
+    /// The rank that is to have a block by its number, when space has been divided anew.
+    int next_owner(std::size_t block) const { return partition_->owner(of_all_.places()[block]); }
     /// The blocks that this rank has.
     cuda::detail::PartOfBlocks part() const
     {
@@ -117,7 +119,7 @@ public:
     /// Partition).
     static std::size_t with_room(std::size_t items) { return items + items / 16; }
 
-    /// Items find their new cells in depart().
+    /// Items find their new cells in a search of its own.
     cuda::detail::Destinations<d> destinations()
     {
         auto to = Local::destinations();
@@ -171,7 +173,8 @@ public:
             if (this->set_.has_room_for(births))
                 this->reserve_blocks(static_cast<std::uint32_t>(before) + births);
             this->add_blocks(births);
-            find_owners(before);
+            born_.resize(this->blocks() - before); // all, or none if there was no room
+            add_owners(before, born_);
             search_.renew(words);
             search_.fill_bytes(0, words, 0);
             std::array const again{search(search_.data())};
@@ -214,11 +217,9 @@ public:
         cuda::launch_after("count_items", this->queue_, cuda::detail::count_items,
                            cuda::groups_of(keys().size(), 256), 256, this->begin_.data(), this->blocks(),
                            count_.data());
-        auto const items = downloaded(count_, keys().size());
-        for (std::size_t b = 0; b < items.size(); ++b)
-            if (items[b] > 0)
-                to.push_back(
-                    {curve_.place(block_of_key<d>(keys()[b])), items[b] + Partition::weight_of_block});
+        items_ = downloaded(count_, keys().size());
+        for (std::size_t b = 0; b < items_.size(); ++b)
+            if (items_[b] > 0) to.push_back({of_all_.places()[b], items_[b] + Partition::weight_of_block});
     }
 
     std::size_t memory() const
@@ -244,18 +245,43 @@ protected:
         from.download(0, values);
         return values;
     }
-    /// Finds out which rank has which block, after blocks or parts have changed; `kept` of the blocks that
-    /// were known are as they were.
+    /// Finds out which rank has which block, after blocks have come behind the first `kept`, which are as
+    /// they were.
     void find_owners(std::size_t kept = 0)
     {
         std::vector<std::uint64_t> keys(this->blocks() - kept);
         this->set_.download_keys(kept, keys);
-        of_all_.set(kept, keys, [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
+        add_owners(kept, keys);
+    }
+    /// The same for blocks with these keys.
+    void add_owners(std::size_t kept, std::vector<std::uint64_t> const& keys)
+    {
+        of_all_.set(
+            kept, keys, [&](std::uint64_t key) { return curve_.place(block_of_key<d>(key)); },
+            [&](std::uint64_t place) { return partition_->owner(place); });
+        tell_owners(kept);
+    }
+    /// The same where only the listed blocks are left, in their order.
+    void keep_owners(std::span<std::uint32_t const> list)
+    {
+        of_all_.keep(list);
+        tell_owners(0);
+    }
+    /// The same where ranks have other parts.
+    void divide_owners()
+    {
+        of_all_.divide([&](std::uint64_t place) { return partition_->owner(place); });
+        tell_owners(0);
+    }
+    /// Lets the device know which rank has which block, of those behind the first `kept`.
+    void tell_owners(std::size_t kept)
+    {
         auto const owners = this->owners().subspan(kept);
         while (!own_.empty() && own_.back() >= kept) own_.pop_back();
         std::size_t const own_before = own_.size();
-        // the host has waited since these were copied last
-        auto* const told = told_.template as<std::uint32_t>(3 * owners.size());
+        // the host has waited since these were copied last; all ranks wait while one allocates
+        if (owners.size() > room_told_) room_told_ = 2 * owners.size();
+        auto* const told = told_.template as<std::uint32_t>(3 * room_told_);
         auto* const here = reinterpret_cast<unsigned char*>(told + 2 * owners.size());
         for (std::size_t b = 0; b < owners.size(); ++b) {
             told[b] = static_cast<std::uint32_t>(owners[b]);
@@ -276,26 +302,28 @@ protected:
     }
 
     /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
-    /// room for.
+    /// room for. They are in `born_`, which need not be loaded from the device.
     std::uint32_t births_of_all_ranks(std::uint32_t own)
     {
         bool const lacks_room = !this->set_.has_room_for(own);
         Parcel parcel;
         put(parcel, lacks_room ? own : std::uint32_t{0});
-        std::vector<std::uint64_t> keys;
-        if (!lacks_room) keys = this->set_.requested(own);
-        put(parcel, keys.data(), keys.size());
-        keys.clear();
+        born_.clear();
+        if (!lacks_room) born_ = this->set_.requested(own);
+        put(parcel, born_.data(), born_.size());
+        born_.clear();
         std::uint64_t most = 0;
         for (Parcel const& of_rank : communicator_.all_gather(parcel)) {
             Reader from(of_rank);
             most += from.template get<std::uint32_t>();
-            while (!from.at_end()) keys.push_back(from.template get<std::uint64_t>());
+            while (!from.at_end()) born_.push_back(from.template get<std::uint64_t>());
         }
+        if (most > 0) born_.clear();
         if (most > 0) return static_cast<std::uint32_t>(std::min<std::uint64_t>(most, std::uint32_t(-2)));
-        if (keys.empty()) return 0;
-        this->set_.want(keys);
-        return this->set_.births();
+        this->set_.want(born_);
+        std::ranges::sort(born_); // as they are numbered
+        born_.erase(std::unique(born_.begin(), born_.end()), born_.end());
+        return static_cast<std::uint32_t>(born_.size());
     }
 
     bool hear(SearchOfRanks const& found)
@@ -319,7 +347,7 @@ protected:
         searched_ = found.of(own);
         live_is_known_ = knows_live_here_ = true;
         if (had_room) return true;
-        this->short_ = {1, most + most / 8, 0, 0};
+        this->short_ = {1, most + most / 2, 0, 0}; // all ranks wait while items move again
         this->make_room();
         return false;
     }
@@ -360,6 +388,9 @@ protected:
     std::vector<std::uint32_t> own_;              ///< the blocks of this rank, in their order
     cuda::Array<std::uint32_t> blocks_here_;      ///< the same on the device
     cuda::HostMemory told_;                       ///< which ranks have blocks, on the way to the device
+    std::size_t room_told_ = 0;                   ///< for so many blocks there
+    std::vector<std::uint64_t> born_;             ///< keys of the blocks that were missing on any rank
+    std::vector<std::uint32_t> items_;            ///< of each block here, when it was last weighed
     SharedResults shared_;                        ///< used of the first order of cells
     std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there
     cuda::Array<std::uint32_t> count_;

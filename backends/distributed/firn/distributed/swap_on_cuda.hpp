@@ -51,7 +51,8 @@ private:
 /// for all of its items, what their new cells must know, then what they scatter, then one array behind the
 /// other.
 ///
-/// `Fields` is called with a function object, which it calls with each array of the items.
+/// `Fields` has by_place(use), which calls `use(array)` with each array of the items, and by_id(use) with
+/// each array whose elements are found by ids() of the items.
 template <class Number, int d>
 class SwapOfItems
 {
@@ -59,9 +60,9 @@ class SwapOfItems
 
 public:
     explicit SwapOfItems(cuda::Queue const& queue)
-        : queue_(queue), begins_(queue), cursors_(queue), gone_(queue), sorted_(queue), out_(queue),
-          in_(queue), is_gone_(queue), holes_(queue), place_(queue), from_(queue), to_(queue), counts_(queue),
-          exchange_(queue)
+        : queue_(queue), begins_(queue), blocks_(queue), rows_(queue), cursors_(queue), gone_(queue),
+          sorted_(queue), out_(queue), in_(queue), is_gone_(queue), holes_(queue), place_(queue),
+          from_(queue), to_(queue), exchange_(queue)
     {}
 
     /// Sends so many `strays` to each rank, and receives what comes: see came().
@@ -73,20 +74,8 @@ public:
         list(strays, owners, leaving);
         channels_ = static_cast<std::size_t>(leavers.channels);
         std::vector<DeviceMessage> to, from;
-        auto const add = [&](std::vector<DeviceMessage>& all, cuda::Array<std::byte>& buffer,
-                             auto const& counts) {
-            std::size_t bytes = 0;
-            for (auto const count : counts) bytes += bytes_of(count, fields);
-            buffer.renew_amply(bytes);
-            auto* next = buffer.data();
-            for (std::size_t rank = 0; rank < counts.size(); ++rank)
-                if (counts[rank] > 0) {
-                    all.push_back({static_cast<int>(rank), next, bytes_of(counts[rank], fields)});
-                    next += all.back().bytes;
-                }
-        };
-        add(to, out_, leaving);
-        add(from, in_, coming);
+        add_messages(to, out_, leaving, fields);
+        add_messages(from, in_, coming, fields);
         std::uint32_t begin = 0;
         for (auto const& message : to) {
             std::uint32_t const count = leaving[static_cast<std::size_t>(message.rank)];
@@ -95,6 +84,55 @@ public:
         }
         exchange_(communicator, to, from);
         came_ = from;
+    }
+
+    /// What is known of the items of whole blocks.
+    struct Items
+    {
+        std::uint32_t const* begin; ///< of each cell's items, in the order
+        std::uint32_t const* order; ///< null: they lie at their slots
+        std::uint32_t* block_stay;  ///< per block: how many stay, which is none where they leave
+    };
+    /// The same for all items of blocks: `blocks[r]` go to rank r, and each block has so many `items`. These
+    /// scatter nothing. `beside` has messages of its own, which travel with them.
+    template <class C, class Fields, class Beside>
+    void operator()(C const& communicator, Items const& of,
+                    std::vector<std::vector<std::uint32_t>> const& blocks,
+                    std::vector<std::uint32_t> const& items, std::vector<std::uint32_t> const& leaving,
+                    std::vector<std::uint32_t> const& coming, Fields const& fields, Beside& beside)
+    {
+        channels_ = 0;
+        std::vector<DeviceMessage> to, from;
+        add_messages(to, out_, leaving, fields);
+        add_messages(from, in_, coming, fields);
+        std::vector<cuda::detail::BlockOfItems> list;
+        std::uint32_t gone = 0;
+        for (auto const& of_rank : blocks)
+            for (auto const block : of_rank) {
+                list.push_back({block, gone});
+                gone += items[block];
+            }
+        gone_.renew_amply(gone);
+        blocks_.renew_amply(list.size());
+        blocks_.upload(0, list);
+        std::size_t message = 0, begin = 0;
+        std::uint32_t before = 0;
+        for (std::size_t rank = 0; rank < blocks.size(); ++rank) {
+            auto const count = static_cast<unsigned>(blocks[rank].size());
+            if (count == 0) continue;
+            bool const is_sent = leaving[rank] > 0; // else all of the blocks are empty
+            Sections next{is_sent ? to[message++].data : nullptr, leaving[rank]};
+            auto* const origins = next.template take<std::uint64_t>();
+            cuda::launch_after("list_items_of_blocks", queue_, cuda::detail::list_items_of_blocks, count, 64,
+                               blocks_.data() + begin, of.begin, of.order, before, gone_.data(), origins,
+                               next.template take<std::uint32_t>(), of.block_stay);
+            begin += count;
+            if (is_sent) pack_fields({before, leaving[rank]}, next, fields);
+            before += leaving[rank];
+        }
+        came_ = from;
+        beside.add_messages(to, from);
+        exchange_(communicator, to, from);
     }
 
     /// Where it is to go, for the first item that has come, what its new cell must know.
@@ -116,12 +154,18 @@ public:
             CopyOfArrays copy(queue_, {nullptr, nullptr, nullptr, count});
             copy.add(next.template take<std::uint64_t>(), notes.origins + before);
             copy.add(next.template take<std::uint32_t>(), notes.cells + before);
-            copy.add(next.template take<Number>(channels_), notes.contributions + before * channels_,
-                     channels_);
-            fields([&]<class Array>(Array& array) {
+            if (channels_ > 0)
+                copy.add(next.template take<Number>(channels_), notes.contributions + before * channels_,
+                         channels_);
+            fields.by_place([&]<class Array>(Array& array) {
                 copy.add(next.template take<typename Array::Value>(), array.data() + place + before);
             });
             copy.start();
+            CopyOfArrays by_id(queue_, {nullptr, fields.ids().data() + place + before, nullptr, count});
+            fields.by_id([&]<class Array>(Array& array) {
+                by_id.add(next.template take<typename Array::Value>(), array.data());
+            });
+            by_id.start();
             before += count;
         }
         came_.clear();
@@ -134,25 +178,25 @@ public:
     {
         std::uint32_t const gone = all - count;
         if (gone == 0) return;
-        for (auto* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) array->renew_amply(gone);
-        counts_.renew(2);
-        counts_.fill_bytes(0, 2, 0);
-        is_gone_.fill_bytes(0, gone, 0);
+        for (auto* const array : {&holes_, &place_, &from_, &to_}) array->renew_amply(gone);
+        is_gone_.renew_amply(gone + 2);
+        is_gone_.fill_bytes(0, gone + 2, 0);
+        auto* const counts = is_gone_.data() + gone;
         unsigned const groups = cuda::groups_of(gone, 256);
         cuda::launch_after("find_holes", queue_, cuda::detail::find_holes, groups, 256, gone_.data(), gone,
-                           count, is_gone_.data(), holes_.data(), counts_.data());
+                           count, is_gone_.data(), holes_.data(), counts);
         cuda::launch_after("fill_holes", queue_, cuda::detail::fill_holes, groups, 256, is_gone_.data(), gone,
-                           count, holes_.data(), place_.data(), from_.data(), to_.data(), counts_.data() + 1);
+                           count, holes_.data(), place_.data(), from_.data(), to_.data(), counts + 1);
         relocate(place_.data());
-        CopyOfArrays copy(queue_, {from_.data(), to_.data(), counts_.data() + 1, gone});
-        fields([&](auto& array) { copy.add(array.data(), array.data()); });
+        CopyOfArrays copy(queue_, {from_.data(), to_.data(), counts + 1, gone});
+        fields.by_place([&](auto& array) { copy.add(array.data(), array.data()); });
         copy.start();
     }
 
     std::size_t memory() const
     {
-        std::size_t bytes =
-            cursors_.memory() + gone_.memory() + sorted_.memory() + out_.memory() + in_.memory();
+        std::size_t bytes = blocks_.memory() + rows_.memory() + cursors_.memory() + gone_.memory() +
+                            sorted_.memory() + out_.memory() + in_.memory();
         for (auto const* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) bytes += array->memory();
         return bytes;
     }
@@ -185,8 +229,28 @@ private:
         Sections const of{nullptr, count};
         std::size_t bytes = of.template bytes<std::uint64_t>() + of.template bytes<std::uint32_t>() +
                             of.template bytes<Number>(channels_);
-        fields([&]<class Array>(Array const&) { bytes += of.template bytes<typename Array::Value>(); });
+        auto const add = [&]<class Array>(Array const&) {
+            bytes += of.template bytes<typename Array::Value>();
+        };
+        fields.by_place(add);
+        fields.by_id(add);
         return bytes;
+    }
+
+    /// Adds a message for each rank to which items leave, or from which they come: so many.
+    template <class Fields>
+    void add_messages(std::vector<DeviceMessage>& all, cuda::Array<std::byte>& buffer,
+                      std::vector<std::uint32_t> const& counts, Fields const& fields) const
+    {
+        std::size_t bytes = 0;
+        for (auto const count : counts) bytes += bytes_of(count, fields);
+        buffer.renew_amply(bytes);
+        auto* next = buffer.data();
+        for (std::size_t rank = 0; rank < counts.size(); ++rank)
+            if (counts[rank] > 0) {
+                all.push_back({static_cast<int>(rank), next, bytes_of(counts[rank], fields)});
+                next += all.back().bytes;
+            }
     }
 
     /// Some of the strays that are listed.
@@ -222,20 +286,37 @@ private:
         cuda::launch_after("note_strays", queue_, cuda::detail::note_strays<d, Number>, groups, 256,
                            sorted_.data() + range.begin, range.count, leavers, origins, cells,
                            next.template take<Number>(channels_));
+        pack_fields(range, next, fields);
+    }
+    template <class Fields>
+    void pack_fields(Range const& range, Sections next, Fields const& fields)
+    {
         CopyOfArrays copy(queue_, {gone_.data() + range.begin, nullptr, nullptr, range.count});
-        fields([&]<class Array>(Array& array) {
+        fields.by_place([&]<class Array>(Array& array) {
             copy.add(array.data(), next.template take<typename Array::Value>());
         });
         copy.start();
+        bool are_any = false;
+        fields.by_id([&](auto const&) { are_any = true; });
+        if (!are_any) return;
+        rows_.renew_amply(range.count);
+        copy.add(fields.ids().data(), rows_.data());
+        copy.start();
+        CopyOfArrays by_id(queue_, {rows_.data(), nullptr, nullptr, range.count});
+        fields.by_id([&]<class Array>(Array& array) {
+            by_id.add(array.data(), next.template take<typename Array::Value>());
+        });
+        by_id.start();
     }
 
     cuda::Queue queue_;
     std::size_t channels_ = 0;
     cuda::HostMemory begins_;
-    cuda::Array<std::uint32_t> cursors_, gone_; ///< gone: where those lie that leave
+    cuda::Array<cuda::detail::BlockOfItems> blocks_;
+    cuda::Array<std::uint32_t> rows_, cursors_, gone_; ///< gone: where those lie that leave
     cuda::Array<Stray> sorted_;
     cuda::Array<std::byte> out_, in_;
-    cuda::Array<std::uint32_t> is_gone_, holes_, place_, from_, to_, counts_;
+    cuda::Array<std::uint32_t> is_gone_, holes_, place_, from_, to_; ///< is_gone: two counts are behind it
     std::vector<DeviceMessage> came_;
     DeviceExchange exchange_;
 };
