@@ -31,8 +31,8 @@
 // (__syncthreads, a vote, a shuffle), in random order. This exposes reads of values that other threads have
 // yet to write. Reads of memory that was never written show up too, since memory is filled with ones. Groups
 // run one after the other, also in random order. Loops are queued, and a thread of their own runs them while
-// the host goes on. What this cannot show: groups that run concurrently, how memory is ordered between them,
-// registers, time.
+// the host goes on, those of several streams in random order, too, unless one waits for an event of another.
+// What this cannot show: groups that run concurrently, how memory is ordered between them, registers, time.
 //
 // ON_PROCESSOR_SEED=number selects another order.
 
@@ -78,6 +78,8 @@ enum cudaError_t
     cudaErrorInvalidAddressSpace = 717,
     cudaErrorInvalidPc = 718,
     cudaErrorLaunchFailure = 719,
+    cudaErrorPeerAccessAlreadyEnabled = 704,
+    cudaErrorTooManyPeers = 711,
     cudaErrorSystemNotReady = 802,
     cudaErrorSystemDriverMismatch = 803,
     cudaErrorCompatNotSupportedOnDevice = 804
@@ -306,7 +308,13 @@ private:
     std::uint32_t chance_ = seed();
 };
 
-/// Runs what is queued, behind the host.
+/// Where in a stream something has been queued.
+struct Place
+{
+    std::size_t stream = 0, count = 0; ///< count: of all that has been queued there by then
+};
+
+/// Runs what is queued, behind the host: one thing after the other, of streams in random order.
 class Worker
 {
 public:
@@ -315,27 +323,37 @@ public:
         static Worker worker;
         return worker;
     }
-    void queue(std::function<void()> work)
+    /// Queues work in a stream, to run when what is at another place has been done.
+    void queue(std::size_t stream, std::function<void()> work, Place const& after = {})
     {
         {
             std::lock_guard const lock(mutex_);
-            queue_.push(std::move(work));
-            ++queued_;
+            auto& to = streams_[stream];
+            to.queue.push({std::move(work), after});
+            ++to.queued;
         }
         changed_.notify_all();
     }
-    /// Waits for what has been queued until now; other threads of the host may queue more.
-    void wait() { wait(queued()); }
-    /// Waits for so much of it.
-    void wait(std::size_t first)
+    /// Waits for what has been queued in all streams until now; other threads of the host may queue more.
+    void wait()
     {
         std::unique_lock lock(mutex_);
-        changed_.wait(lock, [&] { return done_ >= first; });
+        std::vector<Place> all;
+        for (auto const& [stream, of] : streams_) all.push_back({stream, of.queued});
+        changed_.wait(lock, [&] {
+            return std::all_of(all.begin(), all.end(), [&](Place const& place) { return is_done(place); });
+        });
     }
-    std::size_t queued()
+    void wait(Place const& place)
+    {
+        std::unique_lock lock(mutex_);
+        changed_.wait(lock, [&] { return is_done(place); });
+    }
+    /// What has been queued in a stream until now.
+    Place queued(std::size_t stream)
     {
         std::lock_guard const lock(mutex_);
-        return queued_;
+        return {stream, streams_[stream].queued};
     }
 
     template <class Work>
@@ -365,29 +383,54 @@ private:
     Worker() : thread_([this] { work(); }) {}
     ~Worker()
     {
-        queue({});
+        {
+            std::lock_guard const lock(mutex_);
+            ends_ = true;
+        }
+        changed_.notify_all();
         thread_.join();
+    }
+    struct Work
+    {
+        std::function<void()> run;
+        Place after;
+    };
+    struct Stream
+    {
+        std::queue<Work> queue;           ///< the first may be at work
+        std::size_t queued = 0, done = 0; ///< how much was queued until now, and how much of it is done
+    };
+    bool is_done(Place const& place) { return streams_[place.stream].done >= place.count; }
+    /// A random one of the streams whose first work need not wait; if there are none, nothing.
+    Stream* next()
+    {
+        Stream* found = nullptr;
+        std::size_t ready = 0;
+        for (auto& [stream, of] : streams_)
+            if (!of.queue.empty() && is_done(of.queue.front().after) && chance_() % ++ready == 0) found = &of;
+        return found;
     }
     void work()
     {
         std::unique_lock lock(mutex_);
         for (;;) {
-            changed_.wait(lock, [&] { return !queue_.empty(); });
-            auto const& next = queue_.front();
-            if (!next) return;
+            Stream* stream = nullptr;
+            changed_.wait(lock, [&] { return (stream = next()) != nullptr || ends_; });
+            if (stream == nullptr) return;
+            auto const& run = stream->queue.front().run;
             lock.unlock();
-            next();
+            run();
             lock.lock();
-            queue_.pop();
-            ++done_;
+            stream->queue.pop();
+            ++stream->done;
             changed_.notify_all();
         }
     }
 
     std::mutex mutex_;
     std::condition_variable changed_;
-    std::queue<std::function<void()>> queue_; ///< the first is at work
-    std::size_t queued_ = 0, done_ = 0;       ///< how much was queued until now, and how much of it is done
+    std::map<std::size_t, Stream> streams_;
+    bool ends_ = false;
     Group group_;
     std::vector<unsigned char> shared_;
     std::minstd_rand chance_{seed()};
@@ -399,13 +442,15 @@ struct Memory
 {
     static constexpr int devices = 2;
     static inline cudaError_t driver = cudaSuccess; ///< what it says when it is asked for devices
+    static inline bool are_peers = true;            ///< whether devices can reach each other's memory
     static constexpr std::size_t total = std::size_t(4) << 30;
 
     std::mutex mutex;
     std::map<void*, std::pair<int, std::size_t>> held;
     std::map<void*, std::size_t> mapped; ///< of the host, for devices to reach
     std::size_t used[devices]{}, peak[devices]{};
-    int allocations_left = -1; ///< so many more may succeed, on devices and of the host; below 0: all
+    bool reached[devices][devices]{}; ///< whether a device reaches the memory of another one
+    int allocations_left = -1;        ///< so many more may succeed, on devices and of the host; below 0: all
     std::map<void const*, std::size_t> allowed; ///< shared memory of loops
 
     static Memory& one()
@@ -551,6 +596,7 @@ T atomicCAS(T* to, std::type_identity_t<T> expected, std::type_identity_t<T> val
 struct CUstream_st
 {
     int device;
+    std::size_t number; ///< of all streams that there have been, behind the devices' own
 };
 using cudaStream_t = CUstream_st*;
 constexpr unsigned cudaStreamNonBlocking = 1;
@@ -630,6 +676,24 @@ inline cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int devic
     if (device < 0 || device >= on_processor::Memory::devices)
         return on_processor::tell(cudaErrorInvalidDevice);
     *properties = {"a processor", on_processor::Memory::total, 9, 0};
+    return cudaSuccess;
+}
+
+inline cudaError_t cudaDeviceCanAccessPeer(int* can, int device, int other)
+{
+    if (device < 0 || device >= on_processor::Memory::devices || other < 0 ||
+        other >= on_processor::Memory::devices)
+        return on_processor::tell(cudaErrorInvalidDevice);
+    *can = device != other && on_processor::Memory::are_peers;
+    return cudaSuccess;
+}
+inline cudaError_t cudaDeviceEnablePeerAccess(int other, unsigned)
+{
+    auto& memory = on_processor::Memory::one();
+    std::lock_guard const lock(memory.mutex);
+    if (other == on_processor::current_device) return on_processor::tell(cudaErrorInvalidDevice);
+    bool& reached = memory.reached[on_processor::current_device][other];
+    if (std::exchange(reached, true)) return on_processor::tell(cudaErrorPeerAccessAlreadyEnabled);
     return cudaSuccess;
 }
 
@@ -731,7 +795,8 @@ inline cudaError_t cudaFreeHost(void* there)
 
 inline cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned)
 {
-    *stream = new CUstream_st{on_processor::current_device};
+    static std::atomic<std::size_t> streams = on_processor::Memory::devices;
+    *stream = new CUstream_st{on_processor::current_device, streams++};
     return cudaSuccess;
 }
 inline cudaError_t cudaStreamDestroy(cudaStream_t stream)
@@ -758,11 +823,17 @@ namespace on_processor
 {
 /// How often the host has waited for a stream.
 inline std::atomic<std::size_t> waits = 0;
+
+inline std::size_t number_of(cudaStream_t stream)
+{
+    return stream != nullptr ? stream->number : static_cast<std::size_t>(current_device);
+}
 } // namespace on_processor
-inline cudaError_t cudaStreamSynchronize(cudaStream_t)
+inline cudaError_t cudaStreamSynchronize(cudaStream_t stream)
 {
     ++on_processor::waits;
-    on_processor::Worker::one().wait();
+    auto& worker = on_processor::Worker::one();
+    worker.wait(worker.queued(on_processor::number_of(stream)));
     return cudaSuccess;
 }
 inline cudaError_t cudaMemcpy(void* to, void const* from, std::size_t bytes, cudaMemcpyKind)
@@ -781,19 +852,22 @@ inline cudaError_t cudaMemcpyAsync(void* to, void const* from, std::size_t bytes
         std::lock_guard const lock(memory.mutex);
         return kind != cudaMemcpyDeviceToHost || memory.mapped.count(to) == 0;
     }();
-    if (waits) return cudaMemcpy(to, from, bytes, kind);
-    on_processor::Worker::one().queue([=] { std::memcpy(to, from, bytes); });
+    auto& worker = on_processor::Worker::one();
+    std::size_t const number = on_processor::number_of(stream);
+    worker.queue(number, [=] { std::memcpy(to, from, bytes); });
+    if (waits) worker.wait(worker.queued(number));
     return cudaSuccess;
 }
 struct CUevent_st
 {
-    std::size_t queued; ///< what has been done when it happens
+    int device;
+    on_processor::Place at{}; ///< when all until there is done, it happens
 };
 using cudaEvent_t = CUevent_st*;
 constexpr unsigned cudaEventDisableTiming = 2;
 inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned)
 {
-    *event = new CUevent_st{0};
+    *event = new CUevent_st{on_processor::current_device};
     return cudaSuccess;
 }
 inline cudaError_t cudaEventDestroy(cudaEvent_t event)
@@ -803,24 +877,28 @@ inline cudaError_t cudaEventDestroy(cudaEvent_t event)
 }
 inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream)
 {
-    if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
-    event->queued = on_processor::Worker::one().queued();
+    if (is_elsewhere(stream) || event->device != on_processor::current_device)
+        return on_processor::tell(cudaErrorInvalidResourceHandle);
+    event->at = on_processor::Worker::one().queued(on_processor::number_of(stream));
     return cudaSuccess;
 }
-inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned)
+inline cudaError_t cudaStreamWaitEvent(cudaStream_t stream, cudaEvent_t event, unsigned)
 {
-    return cudaSuccess; // all streams are one queue
+    if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
+    on_processor::Worker::one().queue(
+        on_processor::number_of(stream), [] {}, event->at);
+    return cudaSuccess;
 }
 inline cudaError_t cudaEventSynchronize(cudaEvent_t event)
 {
     ++on_processor::waits;
-    on_processor::Worker::one().wait(event->queued);
+    on_processor::Worker::one().wait(event->at);
     return cudaSuccess;
 }
 inline cudaError_t cudaMemsetAsync(void* to, int byte, std::size_t bytes, cudaStream_t stream)
 {
     if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
-    on_processor::Worker::one().queue([=] { std::memset(to, byte, bytes); });
+    on_processor::Worker::one().queue(on_processor::number_of(stream), [=] { std::memset(to, byte, bytes); });
     return cudaSuccess;
 }
 
@@ -854,6 +932,7 @@ cudaError_t cudaLaunchKernelEx(cudaLaunchConfig_t const* how, void (*loop)(Param
             return on_processor::tell(cudaErrorInvalidValue);
     }
     on_processor::Worker::one().queue(
+        on_processor::number_of(how->stream),
         [loop, groups = how->gridDim, threads = how->blockDim, shared = how->dynamicSmemBytes,
          given = std::tuple<Parameters...>(static_cast<Parameters>(arguments)...)] {
             on_processor::Worker::one().run_groups(groups, threads, shared, [&] { std::apply(loop, given); });
