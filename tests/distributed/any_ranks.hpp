@@ -9,6 +9,7 @@
 #include <firn/distributed/rank_threads.hpp>
 #if defined(__CUDACC__)
 #include <firn/distributed/on_cuda.hpp>
+#include <firn/peers.hpp>
 #else
 #include <firn/openmp.hpp>
 #endif
@@ -46,6 +47,14 @@ inline Ranks on(RankThreads const& communicator)
 {
     return {.local = local(communicator.rank()), .communicator = communicator};
 }
+#if defined(__CUDACC__)
+/// The same, with devices that copy from each other.
+inline Distributed<Cuda, Peers> on_peers(RankThreads const& threads)
+{
+    Cuda const here = local(threads.rank());
+    return {.local = here, .communicator = Peers(threads, here.device)};
+}
+#endif
 
 /// How much of a scene's time is run, and of its size.
 #if defined(FIRN_TESTS_FEW_OF_RANKS)
@@ -54,18 +63,17 @@ constexpr double part_of_time = 0.1, part_of_size = 0.5;
 constexpr double part_of_time = 1, part_of_size = 1;
 #endif
 
-/// Checks that a scene comes to the same numbers on one rank and on 1, 2, 3 and 5. `scene(backend)` returns
-/// them.
-template <class Scene>
-void require_same_on_any_ranks(Scene const& scene)
+/// Checks that a scene comes to the same numbers on so many ranks as without. `scene(backend)` returns them,
+/// and `backend_of(communicator)` the backend of a rank.
+template <class Scene, class BackendOf>
+void require_same_on_ranks(std::vector<int> const& numbers, Scene const& scene, BackendOf const& backend_of)
 {
     Numbers const alone = scene(local());
     REQUIRE(alone.size() > 100);
-    for (int const ranks : {1, 2, 3, 5}) {
-        if (ranks > most_ranks) break;
+    for (int const ranks : numbers) {
         std::vector<std::size_t> different(std::size_t(ranks), 0);
         run_ranks(ranks, [&](RankThreads const& communicator) {
-            Numbers const here = scene(on(communicator));
+            Numbers const here = scene(backend_of(communicator));
             auto& count = different[std::size_t(communicator.rank())];
             count = here.size() == alone.size() ? 0 : 1;
             for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
@@ -77,6 +85,14 @@ void require_same_on_any_ranks(Scene const& scene)
             CHECK(different[rank] == 0);
         }
     }
+}
+/// The same on 1, 2, 3 and 5.
+template <class Scene>
+void require_same_on_any_ranks(Scene const& scene)
+{
+    std::vector<int> numbers{1, 2, 3, 5};
+    std::erase_if(numbers, [](int ranks) { return ranks > most_ranks; });
+    require_same_on_ranks(numbers, scene, on);
 }
 
 } // namespace firn::test

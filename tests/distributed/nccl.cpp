@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Needs a device, and two for the scene.
 #include "catch.hpp"
-#include "distributed/numbers.hpp"
+#include "distributed/any_ranks.hpp"
+#include "distributed/encounter.hpp"
 
 #include <firn/distributed.hpp>
 #include <firn/distributed/on_cuda.hpp>
@@ -10,10 +11,11 @@
 #include <firn/nccl.hpp>
 
 #include <cstddef>
-#include <type_traits>
+#include <numeric>
 #include <vector>
 
 using namespace firn;
+using firn::test::encounter;
 
 namespace
 {
@@ -25,21 +27,6 @@ int devices()
     return count;
 }
 
-/// A block that falls on a floor and moves along it, through the parts of all ranks.
-template <class Backend>
-firn::test::Numbers flight(Backend const& backend)
-{
-    double const h = 0.1;
-    Solver<Backend, NeoHookean<Space<3, float>>> solver(lattice(h), {}, {}, {}, backend);
-    solver.add(firn::test::box_of_points<3>({0.1, 0.1, 0.1}, {1.7, 0.9, 0.9}, h / 2), h * h * h / 8,
-               {3, -2, 0});
-    firn::test::Numbers all;
-    for (int i = 0; i < 4; ++i)
-        firn::test::append_report(all, solver.advance(0.05, Gravity{}, Obstacle<HalfSpace>{}));
-    firn::test::append_all(all, solver);
-    return all;
-}
-
 } // namespace
 
 TEST_CASE("ranks whose devices swap by NCCL come to the bits of one device")
@@ -48,19 +35,14 @@ TEST_CASE("ranks whose devices swap by NCCL come to the bits of one device")
         WARN("there is one device: NCCL was not tried");
         return;
     }
-    auto const alone = flight(Cuda{});
-    for (int ranks = 2; ranks <= devices(); ++ranks) {
-        std::vector<std::size_t> same(std::size_t(ranks), 0);
-        run_ranks(ranks, [&](RankThreads const& threads) {
-            Nccl<RankThreads> const communicator(threads, threads.rank());
-            using Backend = Distributed<Cuda, Nccl<RankThreads>>;
-            auto const here =
-                flight(Backend{.local = {.device = threads.rank()}, .communicator = communicator});
-            for (std::size_t i = 0; i < here.size() && here.size() == alone.size(); ++i)
-                same[std::size_t(threads.rank())] += here[i] == alone[i];
-        });
-        for (auto const count : same) CHECK(count == alone.size());
-    }
+    std::vector<int> numbers(std::size_t(devices() - 1));
+    std::iota(numbers.begin(), numbers.end(), 2);
+    firn::test::require_same_on_ranks(numbers, encounter(NeoHookean<Space<3, float>>{}),
+                                      [](RankThreads const& threads) {
+                                          return Distributed<Cuda, Nccl<RankThreads>>{
+                                              .local = {.device = threads.rank()},
+                                              .communicator = Nccl<RankThreads>(threads, threads.rank())};
+                                      });
 }
 
 TEST_CASE("no rank waits for messages of the device of a rank that has ended")
@@ -95,11 +77,12 @@ TEST_CASE("NCCL is refused where two ranks have one device, or a solver has anot
     CHECK_THROWS_WITH(run_ranks(2, [](RankThreads const& threads) { Nccl<RankThreads>(threads, 0); }),
                       Contains("ranks 0 and 1 have the same device"));
     if (devices() > 1)
-        CHECK_THROWS_WITH(run_ranks(1,
-                                    [](RankThreads const& threads) {
-                                        using Backend = Distributed<Cuda, Nccl<RankThreads>>;
-                                        flight(Backend{.local = {.device = 1},
-                                                       .communicator = Nccl<RankThreads>(threads, 0)});
-                                    }),
-                          Contains("another device"));
+        CHECK_THROWS_WITH(
+            run_ranks(1,
+                      [](RankThreads const& threads) {
+                          using Backend = Distributed<Cuda, Nccl<RankThreads>>;
+                          encounter(NeoHookean<Space<3, float>>{})(
+                              Backend{.local = {.device = 1}, .communicator = Nccl<RankThreads>(threads, 0)});
+                      }),
+            Contains("another device"));
 }

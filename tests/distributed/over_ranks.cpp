@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "distributed/any_ranks.hpp"
+#include "distributed/encounter.hpp"
 #include "distributed/numbers.hpp"
 
 #include <firn/budget.hpp>
@@ -36,9 +37,11 @@ using firn::test::append;
 using firn::test::append_all;
 using firn::test::append_report;
 using firn::test::box_of_points;
+using firn::test::encounter;
 using firn::test::local;
 using firn::test::most_ranks;
 using firn::test::Numbers;
+using firn::test::OfBlocks;
 using firn::test::on;
 using firn::test::Ranks;
 using firn::test::require_same_on_any_ranks;
@@ -49,41 +52,6 @@ namespace
 
 using Plane = firn::Space<2, double>;
 using Solid = firn::Space<3, float>;
-#if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
-using OfBlocks = Plane; // a block of cells in space takes a processor long
-#else
-using OfBlocks = Solid;
-#endif
-
-/// Two blocks that fly at each other along x, over a floor, and through the parts of all ranks.
-template <class Model, class Transfer = Mls, class Kernel = QuadraticBSpline>
-auto encounter(Model const& model, Transfer const& transfer = {}, double duration = 0.1)
-{
-    return [=](auto const& backend) {
-        constexpr int d = Model::Space::dimension;
-        using V = Vector<double, d>;
-        double const h = 0.1;
-        Solver<std::remove_cvref_t<decltype(backend)>, Model, Kernel, Transfer> solver(lattice(h), model,
-                                                                                       transfer, {}, backend);
-        V low = V::Constant(0.1), high = V::Constant(0.9), velocity = V::Zero();
-        velocity[0] = 3;
-        solver.add(box_of_points<d>(low, high, h / 2), std::pow(h / 2, d), velocity);
-        low[0] += 1.05, high[0] += 1.05;
-        velocity[0] = -3, velocity[1] = 1;
-        solver.add(box_of_points<d>(low, high, h / 2), std::pow(h / 2, d), velocity);
-        Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.3)};
-        Obstacle<Sphere> const ball{.shape = {0.3},
-                                    .motion = {.position = {1, 0.2, 0.5}, .velocity = {0, 0.5, 0}}};
-        Numbers all;
-        for (int i = 0; i < 4; ++i) {
-            append_report(all, solver.advance(duration / 4, Gravity{}, floor, ball));
-            append(all, Numbers{solver.stable_step(Gravity{}, floor, ball)});
-        }
-        append_all(all, solver);
-        return all;
-    };
-}
-
 } // namespace
 
 TEST_CASE(
@@ -91,64 +59,6 @@ TEST_CASE(
 {
     require_same_on_any_ranks(encounter(NeoHookean<OfBlocks>{}));
 }
-
-#if defined(__CUDACC__)
-namespace
-{
-/// Threads that also swap what lies on their devices, as with NCCL: in any stream, and beside other loops.
-struct DeviceThreads : RankThreads
-{
-    void exchange_on_device(cudaStream_t stream, std::span<DeviceMessage const> to,
-                            std::span<DeviceMessage const> from) const
-    {
-        cudaStreamSynchronize(stream);
-        std::vector<Parcel> parcels(static_cast<std::size_t>(size()));
-        for (auto const& message : to) {
-            Parcel part(message.bytes);
-            cudaMemcpy(part.data(), message.data, message.bytes, cudaMemcpyDefault);
-            auto& parcel = parcels[std::size_t(message.rank)];
-            parcel.insert(parcel.end(), part.begin(), part.end());
-        }
-        auto const came = exchange(parcels);
-        std::vector<std::size_t> read(came.size(), 0);
-        for (auto const& message : from) {
-            auto& at = read[std::size_t(message.rank)];
-            cudaMemcpy(message.data, came[std::size_t(message.rank)].data() + at, message.bytes,
-                       cudaMemcpyDefault);
-            at += message.bytes;
-        }
-    }
-    void gather_on_device(cudaStream_t stream, void const* own, std::size_t bytes, void* all) const
-    {
-        cudaStreamSynchronize(stream);
-        Parcel parcel(bytes);
-        cudaMemcpy(parcel.data(), own, bytes, cudaMemcpyDefault);
-        auto* to = static_cast<std::byte*>(all);
-        for (auto const& of_rank : all_gather(parcel)) {
-            cudaMemcpy(to, of_rank.data(), bytes, cudaMemcpyDefault);
-            to += bytes;
-        }
-    }
-};
-} // namespace
-
-TEST_CASE("ranks whose devices swap while nodes inside are updated come to the bits of one device")
-{
-    auto const scene = encounter(NeoHookean<OfBlocks>{});
-    Numbers const alone = scene(local());
-    std::vector<std::size_t> different(3, 0);
-    run_ranks(3, [&](RankThreads const& threads) {
-        Distributed<firn::test::Local, DeviceThreads> const backend{.local = local(threads.rank()),
-                                                                    .communicator = {threads}};
-        Numbers const here = scene(backend);
-        auto& count = different[std::size_t(threads.rank())];
-        count = here.size() == alone.size() ? 0 : 1;
-        for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
-            count += !firn::exactly_equal(here[i], alone[i]);
-    });
-    CHECK(different == std::vector<std::size_t>(3, 0));
-}
-#endif
 
 #if !defined(FIRN_ON_PROCESSOR) || defined(FIRN_TESTS_ALL) // else they take long
 TEST_CASE("transfers of every kind, kernels and flow come to the same bits on any number of ranks")

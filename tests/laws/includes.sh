@@ -30,7 +30,7 @@ concepts: constructible_from convertible_to copy_constructible derived_from floa
 cstddef: byte ptrdiff_t
 cstdio: snprintf
 cstddef,cstring,cstdlib: size_t
-cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t
+cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t uintptr_t
 cstdlib: getenv
 cstring: memcmp memcpy memset
 exception: current_exception exception exception_ptr rethrow_exception uncaught_exceptions
@@ -58,7 +58,8 @@ stdexcept: runtime_error
 string: getline stoull string to_string
 string_view,string: string_view string_view_literals
 system_error: errc error_code
-thread: thread
+thread: this_thread thread
+typeinfo: type_info
 tuple: apply tie tuple tuple_cat
 type_traits: conditional_t decay_t integral_constant is_aggregate_v is_arithmetic_v is_base_of_v is_class_v is_const_v
 type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_same_v is_signed_v is_standard_layout_v

@@ -77,7 +77,8 @@ struct Distributed
     /// the others: these must not wait for it.
     bool is_own(Error const& error) const
     {
-        return Local::queues && (error.where() == "CUDA" || error.where() == "NCCL");
+        return Local::queues &&
+               (error.where() == "CUDA" || error.where() == "NCCL" || error.where() == "Peers");
     }
     /// Each scene divides space by itself: that of a lattice along so many axes.
     void begin_scene(Lattice const& lattice, int axes)

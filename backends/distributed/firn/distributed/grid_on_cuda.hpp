@@ -215,8 +215,10 @@ public:
             borders_.sent(l).add_messages(to_, leave_[l]);
             borders_.came(l).add_messages(from_, arrive_[l]);
         }
-        // where the host takes part, all ranks do
-        if (exchanges_beside && to_.empty() && from_.empty()) return false;
+        if (exchanges_beside && to_.empty() && from_.empty()) {
+            exchange_(*communicator_, to_, from_); // all ranks take part
+            return false;
+        }
         beside_ = exchanges_beside ? side_.begin() : queue_;
         for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, borders_.sent(l), true, leave_[l], beside_);
         return true;
