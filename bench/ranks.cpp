@@ -141,6 +141,7 @@ struct Times
 {
     double median = 0, mean = 0, longest = 0;
     int divisions = 0;
+    double energy = 0; ///< of the particles at the end [J]: the same bits on any number of ranks
 };
 
 /// Blocks of particles side by side along the first axis.
@@ -189,15 +190,17 @@ Times times_of_step(Backend const& backend, Options const& options, std::string 
     found.mean /= double(times.size());
     found.median = bench::median(times);
     found.longest = std::ranges::max(times);
+    found.energy = solver.energy().total();
     if constexpr (spans_ranks<Backend>) found.divisions = solver.backend().partition->divisions() - divisions;
     return found;
 }
 
 void print(std::string const& scene, Options const& options, std::string const& on, Times const& times)
 {
-    std::printf("%s, %d blocks of %d particles, %s: %.3f ms a step, mean %.3f, longest of ten %.3f",
+    std::printf("%s, %d blocks of %d particles, %s: %.3f ms a step, mean %.3f, longest of ten %.3f, "
+                "energy at the end %.17g J",
                 scene.c_str(), options.blocks, options.particles, on.c_str(), 1e3 * times.median,
-                1e3 * times.mean, 1e3 * times.longest);
+                1e3 * times.mean, 1e3 * times.longest, times.energy);
 }
 
 /// Prints how long a step of each scene takes on the ranks of a communicator.

@@ -46,12 +46,13 @@ run() { # RANKS ARGUMENTS...: the lines of the program
     mpirun --bind-to none -n "$1" "$program" --steps "$steps" "${@:2}" || stop "the program failed: $program ${*:2}."
 }
 median() { sort -g | awk '{ of[NR] = $1 } END { print of[int(NR / 2) + 1] }'; }
-value() { # FILE PATTERN: the medians of what stands behind a text in the lines of a file
-    sed -n "s/.*$2\([0-9.]*\).*/\1/p" "$1" | median
+value() { # FILE BEFORE [BEHIND]: the median of what stands between these texts in the lines of a file
+    sed -n "s/.*$2\([0-9.e+-]*\)${3-}.*/\1/p" "$1" | median
 }
 row() { # NAME KIND WANTED RANKS ALONE TOGETHER: KIND is "share" (alone / together) or "times" (together / alone)
     awk -v name="$1" -v kind="$2" -v wanted="$3" -v ranks="$4" \
-        -v a="$(value "$5" ': ')" -v b="$(value "$6" ': ')" -v am="$(value "$5" 'mean ')" -v bm="$(value "$6" 'mean ')" \
+        -v a="$(value "$5" ': ' ' ms a step')" -v am="$(value "$5" 'mean ')" \
+        -v b="$(value "$6" ': ' ' ms a step')" -v bm="$(value "$6" 'mean ')" \
         -v messages="$(value "$6" 'calls, ')" -v kb="$(value "$6" 'messages, ')" -v anew="$(value "$6" 'divided anew ')" '
         BEGIN {
             median = kind == "share" ? a / b : b / a; mean = kind == "share" ? am / bm : bm / am
@@ -72,6 +73,8 @@ pair() { # NAME KIND WANTED RANKS SCENE PARTICLES: each rank has so many
             run "$n" --particles "$particles" "$scene" >>"$together"
         fi
     done
+    [ "$gpus" -gt 0 ] || [ "$(value "$alone" 'the end ')" = "$(value "$together" 'the end ')" ] ||
+        stop "$scene does not end in the same state on $n ranks as without."
     row "$name" "$kind" "$wanted" "$n" "$alone" "$together"
 }
 
