@@ -87,6 +87,45 @@ TEST_CASE("a small disk in water that keeps its volume has the lift of Archimede
     }
 }
 
+TEST_CASE("obstacles that overlap or share a face leave water the room that their union leaves",
+          "[physics][volume]")
+{
+    double const h = 0.02, width = 12 * h, depth = 5 * h;
+    using OnAll = Obstacles<AnyShape<>, ActsOn::surface_and_particles>;
+    auto const half_space = [](Eigen::Vector3d const& normal, double x) {
+        return Obstacle<AnyShape<>>{
+            .shape = HalfSpace{normal}, .motion = {.position = {x, 0, 0}}, .on_particles = true};
+    };
+    auto const slab = [](double left, double right) { // its upper face is the floor
+        return Obstacle<AnyShape<>>{.shape = Box{{(right - left) / 2, 0.05, 1}},
+                                    .motion = {.position = {(left + right) / 2, -0.05, 0}},
+                                    .on_particles = true};
+    };
+    auto const ground = half_space({0, 1, 0}, 0);
+    auto const level_on = [&](std::vector<Obstacle<AnyShape<>>> floor) {
+        floor.push_back(half_space({1, 0, 0}, -width / 2));
+        floor.push_back(half_space({-1, 0, 0}, width / 2));
+        Scene<StillWater, QuadraticBSpline, Mls>::Solver water(lattice(h, {0.3 * h, 0.21 * h, 0}),
+                                                               StillWater(materials::water<Plane>(2)));
+        water.add(box_of_points<2>({-width / 2, 0}, {width / 2, depth}, h), h * h / 4);
+        water.advance(0.5, Gravity{}, OnAll{floor});
+        return Totals(water).centre.y() / (depth / 2);
+    };
+    double const of_one = level_on({ground});
+    CHECK(std::abs(of_one - 1) < 0.01);
+    std::vector<Obstacle<AnyShape<>>> tiles;
+    for (int i = -3; i < 3; ++i) tiles.push_back(slab((4 * i - 0.5) * h, (4 * i + 4.5) * h));
+    std::vector<std::vector<Obstacle<AnyShape<>>>> const floors{{ground, ground},
+                                                                {slab(-width, width), ground, ground},
+                                                                {slab(-width, 3 * h), slab(-3 * h, width)},
+                                                                {ground, slab(-width, 0)},
+                                                                tiles};
+    for (std::size_t i = 0; i < floors.size(); ++i) {
+        CAPTURE(i);
+        CHECK(std::abs(level_on(floors[i]) / of_one - 1) < 0.01);
+    }
+}
+
 TEST_CASE("particles that lie too densely move apart until they fill their volume", "[physics][volume]")
 {
     double const h = 0.02, shrunk = 0.95;

@@ -125,20 +125,37 @@ struct FindVolumes
         LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
         Real room(1), beside[std::size_t(2 * d)];
         for (auto& of_neighbour : beside) of_neighbour = Real(1);
-        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t) {
-            Real const reach(static_cast<Number>((0.5 * (Kernel::degree + 1) + 1) * lattice.cell_size));
-            action.for_each_within(place, reach, [&](std::uint32_t, auto const& obstacle) {
-                if (obstacle.is_thin(lattice)) return; // it takes no room
-                RoomBeside<Real, d> const left =
-                    room_beside<Kernel::degree, Real, d>([&](Vector<Real, d> const& cells) {
-                        Real const cell(static_cast<Number>(lattice.cell_size));
-                        return obstacle.template surface_at<Real>(place, Vector<Real, d>(cells * cell))
-                                   .distance /
-                               cell;
-                    });
-                room = room * left.own;
-                for (int b = 0; b < 2 * d; ++b) beside[b] = beside[b] * left.of_neighbours[b];
+        for_each_solid(place, [&](std::uint32_t number, auto const& obstacle) {
+            Mask<Real> counts = filled;
+            bool covers_any = false;
+            for_each_solid(place, [&](std::uint32_t other_number, auto const& other) {
+                if (other_number == number) return;
+                Mask<Real> covered = is_covered<Real>(place, obstacle, other);
+                Mask<Real> const covers = is_covered<Real>(place, other, obstacle);
+                covers_any = covers_any || any(covers);
+                // of two that cover each other, as where they have one face, the first counts
+                if (number < other_number) covered = covered & !covers;
+                counts = counts & !covered;
             });
+            if (!any(counts)) return;
+            // an obstacle and what it covers are one solid
+            auto const away = [&](Vector<Real, d> const& cells) {
+                Vector<Real, d> const shift = cells * in_cells<Real>(1);
+                Real distance = obstacle.template surface_at<Real>(place, shift).distance;
+                if (covers_any)
+                    for_each_solid(place, [&](std::uint32_t other_number, auto const& other) {
+                        if (other_number == number) return;
+                        Mask<Real> const covers = is_covered<Real>(place, other, obstacle);
+                        if (!any(covers)) return;
+                        Real const of_other = other.template surface_at<Real>(place, shift).distance;
+                        distance = select(covers, min(distance, of_other), distance);
+                    });
+                return Real(distance / in_cells<Real>(1));
+            };
+            RoomBeside<Real, d> const left = room_beside<Kernel::degree, Real, d>(away);
+            room = room * select(counts, left.own, Real(1));
+            for (int b = 0; b < 2 * d; ++b)
+                beside[b] = beside[b] * select(counts, left.of_neighbours[b], Real(1));
         });
         Number along[std::size_t(d)][std::size_t(width)], volumes[std::size_t(width)],
             rooms[std::size_t(width)];
@@ -159,6 +176,44 @@ struct FindVolumes
             for (int b = 0; b < 2 * d; ++b)
                 listed.in_obstacles |= static_cast<std::uint32_t>((in_obstacles[b] >> lane) & 1) << b;
         });
+    }
+
+private:
+    template <Lane Real>
+    FIRN_HOST_DEVICE Real in_cells(double cells) const
+    {
+        return Real(static_cast<Number>(cells * lattice.cell_size));
+    }
+
+    /// Calls `use(number, obstacle)` for each one that takes room near lanes of nodes: thin shells take none.
+    template <Lane Real, class Use>
+    FIRN_HOST_DEVICE void for_each_solid(LanePosition<Real, d> const& place, Use const& use) const
+    {
+        Real const reach = in_cells<Real>(0.5 * (Kernel::degree + 1) + 1);
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
+            action.for_each_within(place, reach, [&](std::uint32_t i, auto const& obstacle) {
+                if (!obstacle.is_thin(lattice)) use(first + i, obstacle);
+            });
+        });
+    }
+
+    /// Whether the place of an obstacle's surface nearest to a node lies in another one, out of which it does
+    /// not come there. A wall comes out of the floor below it: these two have one corner, and each takes its
+    /// share of the room. Nor does a tile cover the one beside it.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Mask<Real> is_covered(LanePosition<Real, d> const& place, auto const& obstacle,
+                                           auto const& other) const
+    {
+        Real const little = in_cells<Real>(0.1), half = in_cells<Real>(0.05);
+        auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
+        Vector<Real, d> const foot = at.normal * -at.distance;
+        auto const there = other.template surface_at<Real>(place, foot);
+        Mask<Real> const inside = there.distance < in_cells<Real>(0.01);
+        if (!any(inside)) return inside;
+        Vector<Real, d> const below = foot - there.normal * little,
+                              above = foot + there.normal * (little - min(there.distance, Real(0)));
+        return inside & (other.template surface_at<Real>(place, below).distance < there.distance - half) &
+               (obstacle.template surface_at<Real>(place, above).distance > half);
     }
 };
 

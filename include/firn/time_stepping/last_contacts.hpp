@@ -19,9 +19,11 @@ struct ContactPoint
     /// Its number in the list: in a world's own, if each has one. Lists of a call are numbered through, and
     /// those of worlds follow the others.
     std::uint32_t obstacle;
-    Vector<double, d> position; ///< on its surface [m]
-    Vector<double, d> normal;   ///< of the surface, outward
-    Vector<double, d> impulse;  ///< on the obstacle [N s]
+    /// On its surface [m], or a node inside it: all nodes act in what sticks, and those deep inside in
+    /// others.
+    Vector<double, d> position;
+    Vector<double, d> normal;  ///< of the surface, outward
+    Vector<double, d> impulse; ///< on the obstacle [N s]
 };
 
 /// Those of one step: see contact_points().
