@@ -124,7 +124,7 @@ private:
     Array<std::uint32_t> index_, born_;
     Array<std::uint64_t> keys_, keys_before_;
     Array<std::uint32_t> born_count_;
-    Array<std::uint64_t> requests_; ///< on their way to other devices, or from there
+    Array<std::uint64_t> requests_; ///< on their way to other devices, or from there, or sorted
     std::uint32_t size_ = 0;
 };
 
@@ -132,25 +132,63 @@ namespace detail
 {
 inline constexpr unsigned numbering_threads = 256;
 
-/// Gives each new key the index of its rank among the new keys. A group of threads compares its keys with all
-/// others, one chunk at a time, and loads the next chunk meanwhile.
+/// A new key, or the largest number behind the last one.
+static __device__ std::uint64_t new_key(BlockSet::View const& set, std::uint32_t i, std::uint32_t births)
+{
+    return i < births ? set.key[set.born[i]] : ~std::uint64_t(0);
+}
+/// How many of a chunk of keys are below this one. If they are sorted, it takes eight steps to find out.
+template <bool are_sorted>
+__device__ std::uint32_t count_below(std::uint64_t const (&chunk)[numbering_threads], std::uint64_t key)
+{
+    std::uint32_t below = 0;
+    if constexpr (are_sorted) {
+#pragma unroll
+        for (unsigned step = numbering_threads / 2; step > 0; step /= 2)
+            if (chunk[below + step - 1] < key) below += step;
+        return below + (chunk[below] < key);
+    }
+    else {
+#pragma unroll 8
+        for (unsigned j = 0; j < numbering_threads; ++j) below += chunk[j] < key;
+        return below;
+    }
+}
+/// Sorts each chunk of the new keys.
 static __global__ void __launch_bounds__(numbering_threads)
-    number_births(BlockSet::View set, std::uint64_t* keys, std::uint32_t size, std::uint32_t births)
+    sort_births(BlockSet::View set, std::uint64_t* sorted, std::uint32_t births)
 {
     __shared__ std::uint64_t near[numbering_threads];
     std::uint32_t const i = blockIdx.x * numbering_threads + threadIdx.x;
-    auto const new_key = [&](std::uint32_t j) {
-        return j < births ? set.key[set.born[j]] : ~std::uint64_t(0);
+    std::uint64_t const mine = near[threadIdx.x] = new_key(set, i, births);
+    __syncthreads();
+    std::uint32_t const place = i < births ? count_below<false>(near, mine) : threadIdx.x;
+    sorted[blockIdx.x * numbering_threads + place] = mine;
+}
+/// Gives each new key the index of its rank among the new keys. A group of threads compares its keys with all
+/// others, one chunk at a time, and loads the next chunk meanwhile. Where keys are many, `sorted` has them
+/// chunk by chunk.
+template <bool are_sorted>
+__global__ void __launch_bounds__(numbering_threads)
+    number_births(BlockSet::View set, std::uint64_t const* sorted, std::uint64_t* keys, std::uint32_t size,
+                  std::uint32_t births)
+{
+    __shared__ std::uint64_t near[numbering_threads];
+    std::uint32_t const i = blockIdx.x * numbering_threads + threadIdx.x;
+    auto const other = [&](std::uint32_t j) {
+        if constexpr (are_sorted)
+            return j < gridDim.x * numbering_threads ? sorted[j] : 0;
+        else
+            return new_key(set, j, births);
     };
-    std::uint64_t const mine = new_key(i);
-    std::uint64_t passing = new_key(threadIdx.x);
+    std::uint64_t const mine = new_key(set, i, births);
+    std::uint64_t passing = other(threadIdx.x);
     std::uint32_t rank = size;
     for (std::uint32_t first = 0; first < births; first += numbering_threads) {
         near[threadIdx.x] = passing;
         __syncthreads();
-        passing = new_key(first + numbering_threads + threadIdx.x);
-#pragma unroll 8
-        for (unsigned j = 0; j < numbering_threads; ++j) rank += near[j] < mine;
+        passing = other(first + numbering_threads + threadIdx.x);
+        rank += count_below<are_sorted>(near, mine);
         __syncthreads();
     }
     if (i == 0) *set.born_count = 0;
@@ -256,8 +294,20 @@ inline void BlockSet::number(std::uint32_t births)
 {
     if (births == 0) return;
     OnDevice const here(queue_);
-    launch_after("number_births", queue_, detail::number_births, groups_of(births, detail::numbering_threads),
-                 detail::numbering_threads, view(), keys_.data(), size_, births);
+    constexpr unsigned threads = detail::numbering_threads;
+    unsigned const groups = groups_of(births, threads);
+    auto const launch = [&](auto* loop) {
+        launch_after("number_births", queue_, loop, groups, threads, view(), requests_.data(), keys_.data(),
+                     size_, births);
+    };
+    if (groups <= 4)
+        launch(detail::number_births<false>);
+    else {
+        requests_.renew(std::size_t(groups) * threads);
+        launch_after("sort_births", queue_, detail::sort_births, groups, threads, view(), requests_.data(),
+                     births);
+        launch(detail::number_births<true>);
+    }
     size_ += births;
 }
 

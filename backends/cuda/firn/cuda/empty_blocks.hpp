@@ -106,13 +106,23 @@ static __global__ void __launch_bounds__(scanning_threads)
     find_live_blocks(std::uint32_t const* begin, std::uint32_t blocks, std::uint32_t* live,
                      std::uint32_t* live_count)
 {
+    constexpr unsigned at_once = 8; // loads in flight
     std::uint32_t before = 0;
-    for (std::uint32_t first = 0; first < blocks; first += scanning_threads) {
-        std::uint32_t const b = first + threadIdx.x;
-        bool const holds = b < blocks && begin[(b + 1) * 64] > begin[b * 64];
-        std::uint64_t total;
-        std::uint64_t const mine = sum_before_in_block<scanning_threads>(holds, total);
-        if (holds) live[before + mine] = b;
+    for (std::uint32_t first = 0; first < blocks; first += at_once * scanning_threads) {
+        bool holds[at_once];
+        std::uint64_t count = 0, total;
+#pragma unroll
+        for (unsigned i = 0; i < at_once; ++i) {
+            std::uint32_t const b = first + threadIdx.x * at_once + i;
+            holds[i] = b < blocks && begin[(b + 1) * 64] > begin[b * 64];
+        }
+#pragma unroll
+        for (unsigned i = 0; i < at_once; ++i) count += holds[i];
+        std::uint32_t to =
+            before + static_cast<std::uint32_t>(sum_before_in_block<scanning_threads>(count, total));
+#pragma unroll
+        for (unsigned i = 0; i < at_once; ++i)
+            if (holds[i]) live[to++] = first + threadIdx.x * at_once + i;
         before += static_cast<std::uint32_t>(total);
     }
     if (threadIdx.x == 0) *live_count = before;
