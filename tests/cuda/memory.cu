@@ -57,7 +57,7 @@ Bytes bytes_per_particle(int pieces)
 } // namespace
 
 // Two buffers, the order and marks of leavers: 45 bytes (elastic 109). Two tiles of 216 nodes for each block:
-// 13.5, nodes 2, cells 3. Leavers are a tenth, with 69 bytes each, and 3 % of that are spare.
+// 13.5, nodes 2, cells 3. Leavers are a tenth, with 81 bytes each, and 3 % of that are spare.
 TEST_CASE("a device holds no more of a particle than its buffers, its share of the grid, and leavers")
 {
     using Water = firn::Fluid<firn::Space<3, float>>;

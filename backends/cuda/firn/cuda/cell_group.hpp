@@ -73,12 +73,14 @@ public:
     }
 
     /// Moves the offset along the next axis and notes the neighbour it leads to.
-    __device__ bool move_offset(Offset const* from, Offset* to, int, Number displacement, Number& value) const
+    __device__ bool move_offset(Offset const* from, Offset* to, int axis, Number displacement,
+                                Number& value) const
     {
         Offset stored = CellOffset<Number>::moved(read(from), displacement);
         to[slot_] = stored;
         value = CellOffset<Number>::value(stored);
         int const cells = CellOffset<Number>::wrap(stored);
+        moved_[axis] = stored;
         way_ = 3 * way_ + static_cast<std::uint32_t>(cells + 1);
         return cells == 0;
     }
@@ -113,16 +115,23 @@ public:
     __device__ bool leaves() const { return leaves_; }
     __device__ std::uint32_t slot() const { return slot_; }
     __device__ std::uint32_t way() const { return way_; } ///< the neighbour it goes to, as in Leavers
-    /// Loads the contribution of a leaver, and its offset in the new cell.
-    __device__ void read_outgoing(detail::Leavers<Number> const& leavers,
-                                  std::array<Offset*, d> const& offset, std::uint32_t i)
+    /// After the item has moved: its offset in the cell where it is then.
+    __device__ Number offset_in_cell(int axis) const { return CellOffset<Number>::value(moved_[axis]); }
+    /// Loads the contribution of a leaver.
+    __device__ void read_outgoing(detail::Leavers<Number> const& leavers, std::uint32_t i)
     {
-        std::uint32_t const slot = leavers.slot[i];
+        using Some = detail::NumbersAtOnce<Number>;
+        constexpr int channels = Phase::Scatter::scratch_channels,
+                      vectors = detail::in_whole_vectors<Number>(channels) / Some::count;
+        auto const* const from =
+            reinterpret_cast<Some const*>(leavers.contribution) + std::size_t(i) * vectors;
 #pragma unroll
-        for (int a = 0; a < d; ++a) scratch_[a] = CellOffset<Number>::value(offset[a][slot]);
+        for (int v = 0; v < vectors; ++v) {
+            Some const some = from[v];
 #pragma unroll
-        for (int c = d; c < Phase::Scatter::scratch_channels; ++c)
-            scratch_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
+            for (int k = 0; k < Some::count; ++k)
+                if (int const c = v * Some::count + k; c < channels) scratch_[c] = some.of[k];
+        }
     }
 
     /// Channel c of a node in the middle of the tile.
@@ -150,6 +159,7 @@ private:
     typename GridType::Values const *read_, *reference_;
     std::uint32_t source_ = 0, slot_ = 0;
     mutable std::uint32_t way_ = 0;
+    mutable Offset moved_[d]; ///< into its cell
     bool leaves_ = false;
     Number scratch_[Phase::scratch_channels];
 };

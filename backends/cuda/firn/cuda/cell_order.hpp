@@ -128,7 +128,6 @@ public:
         if (blocks() == 0) return;
         OnDevice const here(queue_);
         rate_of_births_.count_step();
-        offset_ = offset;
         rebinned_blocks_ = blocks();
         rearrange(leavers_.view(channels_), static_cast<std::uint32_t>(leavers_.most), left_.data(), offset,
                   size_);
@@ -165,7 +164,6 @@ public:
     {
         OnDevice const here(queue_);
         rate_of_births_.count_step();
-        offset_ = offset;
         rebinned_blocks_ = blocks();
         order_before_.renew(size_);
         new_begin_.renew(blocks() * Shape::cells + 1);
@@ -281,11 +279,10 @@ public:
     /// The items that came into each cell at the last rebin: the list of leavers by cell.
     struct Arrived
     {
-        std::uint32_t const* begin;    ///< of each cell's range in the list
-        std::uint32_t const* arrived;  ///< indices of leavers
-        std::array<Offset*, d> offset; ///< of all items
+        std::uint32_t const* begin;   ///< of each cell's range in the list
+        std::uint32_t const* arrived; ///< indices of leavers
     };
-    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
+    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data()}; }
     Leavers leavers() const { return leavers_.view(channels_); }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
@@ -322,7 +319,6 @@ protected: // for an order that several devices share
 
     bool kept_order_ = false; ///< the last rebin kept the previous order
     std::uint32_t rebinned_blocks_ = 0;
-    std::array<Offset*, d> offset_{}; ///< those of the last rebin
     int channels_ = 0;
     detail::Stop short_{}; ///< what was reported last
     detail::RateOfBirths rate_of_births_;

@@ -9,8 +9,10 @@
 #include <firn/cuda/teams.hpp>
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 // How a group of threads works on the items of a block of cells, in two phases: first each thread on items of
 // its own, which lie side by side whatever their cells; then each on one cell and one layer of its stencil,
@@ -68,6 +70,8 @@ struct ShapeOfItems
         if constexpr (scatters) return int(Phase::Scatter::scratch_channels);
         return 0;
     }();
+    /// What a list has of each leaver.
+    static constexpr int channels_of_leaver = in_whole_vectors<Number>(channels);
     /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
     /// crowded; fewer where they scatter much.
     static constexpr std::uint32_t room = [] {
@@ -179,18 +183,25 @@ public:
         } while (chunk < end_);
     }
 
-    /// Stores what an item scatters.
+    /// Stores what an item scatters, with the offset in its new cell if it moves.
     __device__ void store(Item const& item, std::uint32_t i) const
     {
 #pragma unroll
-        for (int c = 0; c < In::channels; ++c) contributions()[c * In::stride + padded(i)] = item.scratch(c);
+        for (int c = 0; c < In::channels; ++c) {
+            Number& to = contributions()[c * In::stride + padded(i)];
+            if constexpr (In::moves)
+                to = c < d ? item.offset_in_cell(c) : item.scratch(c);
+            else
+                to = item.scratch(c);
+        }
     }
 
     /// Notes in a list of the chunk that an item leaves its cell: its new cell scatters it. Returns the place
     /// of its old one.
     __device__ std::uint32_t note_leaver(Item const& item, std::uint32_t i, std::uint32_t& count) const
     {
-        contributions()[padded(i)] = has_left;
+        Number& offset = contributions()[padded(i)];
+        offset = std::bit_cast<Number>(std::bit_cast<Bits>(offset) | mark);
         leavers()[atomicAdd(&count, 1u)] = i | item.way() << 16;
         return places()[i];
     }
@@ -199,12 +210,13 @@ public:
     __device__ void write_leavers(Leavers<Number> const& to, Destinations<d> const& where,
                                   std::uint32_t block, std::uint32_t first, std::uint32_t count) const
     {
-        constexpr std::uint32_t of_each = In::channels - d;
+        constexpr std::uint32_t of_each = In::channels_of_leaver;
         for (std::uint32_t n = threadIdx.x; n < count * of_each; n += blockDim.x) {
             std::uint32_t const k = n / of_each, i = leavers()[k] & 0xffffu;
-            if (first + k < to.most)
-                to.contribution[std::size_t(first) * to.channels + n] =
-                    contributions()[int(n % of_each + d) * In::stride + padded(i)];
+            int const channel = std::min(int(n % of_each), In::channels - 1); // what fills up is any number
+            Number number = contributions()[channel * In::stride + padded(i)];
+            if (channel == 0) number = std::bit_cast<Number>(std::bit_cast<Bits>(number) & ~mark);
+            if (first + k < to.most) to.contribution[std::size_t(first) * of_each + n] = number;
         }
         for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += blockDim.x) {
             std::uint32_t const leaver = leavers()[k], i = leaver & 0xffffu, way = leaver >> 16,
@@ -231,7 +243,7 @@ public:
         auto const frame = Scatter::frame_of(Row{contributions() + padded(i < end ? i : 0)});
         for (; i < end; i += teams) {
             Row const row{contributions() + padded(i)};
-            if (In::moves && row.scratch(0) == has_left) continue;
+            if (In::moves && abs(row.scratch(0)) >= 2) continue; // it has left
             Scatter::scatter_layer(row, static_cast<int>(layer), frame, sums);
         }
         if (begin + team < end) Scatter::leave_frame(frame, sums);
@@ -241,7 +253,10 @@ public:
     }
 
 private:
-    static constexpr Number has_left = 2; ///< in place of an offset, which is half a cell at most
+    /// The highest bit of the exponent marks the first offset of an item that has left: those without it are
+    /// below 2, and an offset is half a cell at most.
+    using Bits = std::conditional_t<sizeof(Number) == 4, std::uint32_t, std::uint64_t>;
+    static constexpr Bits mark = Bits(1) << (8 * sizeof(Number) - 2);
 
     __device__ std::uint32_t* begins() const
     {

@@ -22,6 +22,21 @@ struct LeaverCounters
     std::uint32_t rebinned; ///< leavers of the step that was rebinned last
 };
 
+/// What is loaded of a list at once, 16 bytes.
+template <class Number>
+struct alignas(16) NumbersAtOnce
+{
+    static constexpr int count = 16 / int(sizeof(Number));
+    Number of[count];
+};
+/// So many numbers and what fills up the last of these vectors.
+template <class Number>
+constexpr int in_whole_vectors(int numbers)
+{
+    constexpr int at_once = NumbersAtOnce<Number>::count;
+    return (numbers + at_once - 1) / at_once * at_once;
+}
+
 /// Items on their way to other cells.
 template <class NumberType>
 struct Leavers
@@ -29,12 +44,12 @@ struct Leavers
     using Number = NumberType;
     LeaverCounters* counters;
     std::uint32_t most;   ///< capacity
-    int channels;         ///< of a leaver's contribution
+    int channels;         ///< of a leaver's contribution, in whole vectors
     std::uint32_t* slot;  ///< where the item lies
     std::uint32_t* cell;  ///< where it came from
     std::uint8_t* way;    ///< the neighbour it goes to: three digits of base 3, first axis highest
     std::uint32_t* next;  ///< the next leaver that comes into the same cell, or absent
-    Number* contribution; ///< what each leaver scatters, without its offset; leaver by leaver
+    Number* contribution; ///< what each leaver scatters in its new cell; leaver by leaver
 
     /// Those that come into one cell follow one another by this: one that lies at `where` came from there.
     __device__ std::uint32_t origin(std::uint32_t, std::uint32_t where) const { return where; }

@@ -28,8 +28,7 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
     if (layer.blocks() == 0) return {};
     using Items = ShapeOfItems<LayerType, Phase>;
     auto const signal = cells.signal();
-    auto const leavers =
-        cells.expect_outgoing(Items::channels - Phase::d); // an offset is stored with its item
+    auto const leavers = cells.expect_outgoing(Items::channels_of_leaver);
     unsigned const teams = Items::teams(layer.blocks());
     auto const results = layer.item_results().template expect<Result>(layer.blocks());
     auto* const loop = [&] {

@@ -63,7 +63,7 @@ struct ScatterIncoming
             cell.forget();
             sums.here = here;
             if (here) {
-                cell.read_outgoing(leavers, arrived.offset, next);
+                cell.read_outgoing(leavers, next);
                 if (rank + teams < came.count) next = of_cell[rank + teams];
             }
             Phase::scatter(cell, sums);

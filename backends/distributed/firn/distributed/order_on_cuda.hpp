@@ -173,7 +173,6 @@ private:
     void sort_in(std::uint32_t count, std::array<Offset*, std::size_t(d)> const& offset)
     {
         this->rate_of_births_.count_step();
-        this->offset_ = offset;
         this->rebinned_blocks_ = this->blocks();
         write_order(count, offset);
     }
