@@ -65,8 +65,8 @@ void start_scattering_leavers(Order const& cells, GridType& grid)
             if (teams == 1) return scatter_leavers<1, Order, GridType, Phase>;
         return scatter_leavers<most_teams_that_rebin, Order, GridType, Phase>;
     }();
-    launch("scatter_leavers", cells.queue(), loop, std::min(groups, 4096u), teams * block_threads,
-           Tiles::bytes(false, true, teams), cells.signal(), groups, scatter);
+    launch("scatter_leavers", cells.queue(), loop, groups, teams * block_threads,
+           Tiles::bytes(false, true, teams), cells.signal(), scatter);
 }
 } // namespace detail
 

@@ -75,23 +75,20 @@ struct ScatterIncoming
     }
 };
 
-/// The same for all `groups` blocks that are here once their order is written, with at most `most` teams. A
+/// The same for each block that is here once their order is written, with at most `most` teams. A
 /// thread in a small group uses more registers, which costs more than it gains where there are many blocks.
 /// In double precision the compiler is not told that a group may use all registers, because it would use more
 /// than there are.
 template <unsigned most, class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
-    scatter_leavers(Signal signal, std::uint32_t groups, ScatterIncoming<Order, GridType, Phase> scatter)
+    scatter_leavers(Signal signal, ScatterIncoming<Order, GridType, Phase> scatter)
 {
     if (signal.stops()) return;
-    for (std::uint32_t group = blockIdx.x; group < groups; group += gridDim.x) {
-        std::uint32_t const block = scatter.cells.block(group);
-        std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
-                            begin = scatter.arrived.begin[c];
-        scatter(block, {begin, scatter.arrived.begin[c + 1] - begin},
-                most == 1 ? 1 : blockDim.x / block_threads);
-    }
+    std::uint32_t const block = scatter.cells.block(blockIdx.x);
+    std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
+                        begin = scatter.arrived.begin[c];
+    scatter(block, {begin, scatter.arrived.begin[c + 1] - begin}, most == 1 ? 1 : blockDim.x / block_threads);
 }
 
 } // namespace firn::cuda::detail
