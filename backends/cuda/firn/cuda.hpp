@@ -63,7 +63,7 @@ struct Cuda
         if (orders == 1 && cells[0]->rebins_early()) return batch;
         std::size_t blocks = 0;
         for (Order const* const order : cells) blocks += order->blocks();
-        return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
+        return std::min({batch, blindly, 2 + 40000 / (4000 + blocks)});
     }
 
     /// Whether loops can access this address: memory of a device, host memory that is mapped for devices, or
