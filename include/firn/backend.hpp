@@ -191,8 +191,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // gathers, and calls `update(items, result)`, or `update(items, result, rare)` with a second result for what
 // is rare. Meanwhile it may ask the phase, if that has such a member, to say by `expect(items)` what it will
 // load by slot: `expect_stored(array)` for items that are being gathered, `expect_next(array)` for others. If
-// its `work` says that it `loads_stored`, the loop need not find out where the items lie. Then it scatters:
-// onto the current sums if the phase `adds_to_sums()`, and otherwise afresh.
+// its `work` says that it `loads_stored`, the loop need not find out where the items lie, and may pass on an
+// item from `begin` to the scatter before it begins with the next. Then it scatters: onto the current sums if
+// the phase `adds_to_sums()`, and otherwise afresh.
 //
 //   gather(row)                            all `node_channels` of a row's nodes. Or some at a time:
 //   Gather::gather(row, nodes, first)      after `nodes.read(row, first)`, where nodes are CellNodes<Real>

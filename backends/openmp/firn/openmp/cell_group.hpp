@@ -82,6 +82,12 @@ public:
         active_ = static_cast<std::size_t>(std::popcount(pattern_));
     }
 
+    /// The number of the entered rank's first item, and the cells that have one: a bit for each.
+    std::size_t item() const { return item_; }
+    std::uint64_t pattern() const { return pattern_; }
+    /// Whether each cell has one.
+    bool is_whole() const { return active_ == lanes; }
+
     void set_scratch(int channel, Lane const& value)
     {
         Number* const to = scratch_.at(channel, item_);

@@ -3,6 +3,7 @@
 
 #include <firn/core/lane.hpp>
 #include <firn/openmp/array.hpp>
+#include <firn/openmp/by_rank.hpp>
 #include <firn/openmp/for_each_group.hpp>
 #include <firn/openmp/items.hpp>
 #include <firn/openmp/migrate.hpp>
@@ -50,26 +51,6 @@ FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes, Expec
         }
     }
 }
-
-/// The items of a group as a phase sees them that says what it will load: of these items, and of those behind
-/// the group. Fetched one rank at a time, values arrive while others are gathered; all at once they would
-/// wait for one another.
-struct ExpectedItems
-{
-    std::size_t slot; ///< of the first of some of these
-    std::size_t next; ///< of the first of some of the others
-
-    template <class T>
-    void expect_stored(T const* array) const
-    {
-        __builtin_prefetch(array + slot, 0, 3);
-    }
-    template <class T>
-    void expect_next(T const* array) const
-    {
-        __builtin_prefetch(array + next, 0, 3);
-    }
-};
 
 struct ExpectNothing
 {
@@ -129,6 +110,10 @@ struct ScatterToNext
             [&](auto& group, std::size_t) { detail::scatter<Scatter>(group, buffers.spreads); });
     }
     void end(std::size_t) {}
+
+    /// What groups scatter to that go by rank.
+    auto* tile(std::size_t block) { return grid.next_tile(block); }
+    auto& spreads() { return buffers.spreads; }
 };
 
 /// The same for items that move. Of the leavers, some scatter when the rest of their block has (see
@@ -210,6 +195,17 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
                 std::size_t const begin = cells.group_begin(std::size_t(b), g),
                                   end = cells.group_end(std::size_t(b), next - 1);
                 if (begin == end) continue;
+                if constexpr (GoesByRank<Lane, Phase>)
+                    if (next == g + 1) {
+                        GroupOf<Lane, GridType> group(cells.counts(std::size_t(b), g), g, scratch, 0,
+                                                      std::as_const(nodes).data(),
+                                                      buffers.tile(std::size_t(b)));
+                        if (openmp::go_by_rank(end - begin, group.ranks(), lanes)) {
+                            detail::go_by_rank(phase, group, begin, cells.size(), nodes_of_cells,
+                                               buffers.spreads());
+                            continue;
+                        }
+                    }
                 scratch.reserve(Phase::scratch_channels, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     if constexpr (Phase::work.loads_stored)

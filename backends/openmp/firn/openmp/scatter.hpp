@@ -19,12 +19,25 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Scatters the contributions of a group's items, row by row of their stencils, so that the sums of a row
-/// stay in registers.
+/// Adds the contributions of `here` ranks of a group's items, row by row of their stencils, so that the sums
+/// of a row stay in registers.
+template <class Scatter, class Group, class Spreads>
+void add_rows(Group& group, Spreads const& spreads, int here)
+{
+    using Real = typename Group::Real;
+    for (int row = 0; row < Scatter::rows; ++row) {
+        Real sums[Scatter::width][Scatter::channels];
+        for (auto& node : sums)
+            for (auto& sum : node) sum = Real(typename Group::Number(0));
+        for (int i = 0; i < here; ++i) Scatter::scatter(spreads[static_cast<std::size_t>(i)], row, sums);
+        group.template add<Scatter::width, Scatter::channels>(row, sums);
+    }
+}
+
+/// Scatters the contributions of a group's items.
 template <class Scatter, class Group, class Spreads>
 FIRN_INLINE_WHOLE void scatter(Group& group, Spreads& spreads)
 {
-    using Real = typename Group::Real;
     group.restart();
     for (int rank = 0, ranks = group.ranks(); rank < ranks;) {
         int here = 0;
@@ -32,13 +45,7 @@ FIRN_INLINE_WHOLE void scatter(Group& group, Spreads& spreads)
             group.enter(rank);
             Scatter::make_ready(group, spreads[static_cast<std::size_t>(here)]);
         }
-        for (int row = 0; row < Scatter::rows; ++row) {
-            Real sums[Scatter::width][Scatter::channels];
-            for (auto& node : sums)
-                for (auto& sum : node) sum = Real(typename Group::Number(0));
-            for (int i = 0; i < here; ++i) Scatter::scatter(spreads[static_cast<std::size_t>(i)], row, sums);
-            group.template add<Scatter::width, Scatter::channels>(row, sums);
-        }
+        add_rows<Scatter>(group, spreads, here);
     }
 }
 

@@ -75,6 +75,16 @@ constexpr bool go_alone(std::size_t packs, std::size_t groups) { return groups >
 /// any cells, one permutation per coefficient moves values of cells to the lanes of their items.
 inline constexpr std::size_t price_of_any_cells = 3, price_of_own_cells = 2;
 
+/// Whether a group of cells goes rank by rank where a phase can do so: it has so many items in so many ranks.
+/// Nothing is stored in between then, but all of its lanes are updated, whether they have an item or not.
+constexpr bool go_by_rank(std::size_t items, int ranks, int lanes)
+{
+    return 3 * items >= 2 * std::size_t(ranks) * std::size_t(lanes);
+}
+/// How far ahead such a loop fetches what it will load.
+template <int lanes>
+inline constexpr std::size_t slots_ahead = 8 * lanes;
+
 /// If more than one in this many items of a block goes to another cell of the block, these scatter before the
 /// next block is processed; otherwise their contributions are stored. Measured: scattering at once whatever
 /// their number takes a step of random items, a tenth of which leave their cells, 5 % longer, and one of a
