@@ -79,15 +79,40 @@ bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
     return any;
 }
 
-/// Whether a tile of any layer covers the row.
-template <class GridType>
-bool is_covered(GridType& grid, typename GridType::NodeBlock const& node, int row)
+/// The rows of a node block that tiles of a layer cover which were added to there: a bit for each.
+template <class LayerType>
+std::uint64_t covered_rows(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by)
 {
-    bool any = false;
+    constexpr int d = LayerType::corners == 8 ? 3 : 2, across = LayerType::Shape::across;
+    auto const first_bits = [](int count) { return (std::uint64_t{1} << count) - 1; };
+    std::uint64_t rows = 0;
+    for (int corner = 0; corner < LayerType::corners; ++corner) {
+        int const b = covered_by[std::size_t(corner)];
+        if (b == LayerType::absent) continue;
+        std::uint64_t const touched = layer.touched(std::size_t(b));
+        auto const o = LayerType::offset(corner);
+        if (o[d - 1] == 1 && (touched & LayerType::ends) == 0) continue;
+        auto const here = [&](int axis) { // of the rows along an axis, so many
+            return std::min(across, LayerType::rows_across - o[axis] * across);
+        };
+        if constexpr (d == 3)
+            for (int i = 0; i < here(0); ++i) {
+                int const first = (i + o[0] * across) * LayerType::rows_across + o[1] * across;
+                rows |= ((touched >> first) & first_bits(here(1))) << (i * across);
+            }
+        else
+            rows |= (touched >> (o[0] * across)) & first_bits(here(0));
+    }
+    return rows;
+}
+/// The same for all layers.
+template <class GridType>
+std::uint64_t covered_rows(GridType& grid, typename GridType::NodeBlock const& node)
+{
+    std::uint64_t rows = 0;
     for (int l = 0; l < GridType::layers; ++l)
-        for_each_tile(grid.layer(std::size_t(l)), node.covered_by[std::size_t(l)], row,
-                      [&](std::size_t, int, bool) { any = true; });
-    return any;
+        rows |= covered_rows(grid.layer(std::size_t(l)), node.covered_by[std::size_t(l)]);
+    return rows;
 }
 } // namespace detail
 

@@ -9,6 +9,7 @@
 #include <firn/openmp/results.hpp>
 #include <firn/openmp/tuning.hpp>
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 
@@ -39,13 +40,9 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     constexpr bool adds_up = !AsksNoSums<Phase>;
     constexpr int channels = adds_up ? Phase::Sums::channels : 1;
     alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
-    for (int row = 0; row < Shape::rows; ++row) {
-        bool covered;
-        if constexpr (adds_up)
-            covered = sum_row<GridType, channels>(grid, block, row, sums);
-        else
-            covered = is_covered(grid, block, row);
-        if (!covered) continue;
+    for (std::uint64_t rows = covered_rows(grid, block); rows != 0; rows &= rows - 1) {
+        int const row = std::countr_zero(rows);
+        if constexpr (adds_up) sum_row<GridType, channels>(grid, block, row, sums);
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
             auto* const values = grid.node_values(n) + row * Shape::along + place;
