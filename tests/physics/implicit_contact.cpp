@@ -221,7 +221,6 @@ TEST_CASE(
     CHECK(rest.reactions[0].impulse.y() == Approx(500 * pull.y()).epsilon(1e-3));
 
     auto const why = [](auto&& call) { return refused(call).what_is_wrong(); };
-    using Catch::Matchers::Contains;
     CHECK_THAT(why([&] { block().settle(Gravity{pull}, on(Contact::coulomb(0.5))); }),
                Contains("free to slide"));
     CHECK_THAT(why([&] { block().settle(Gravity{pull}, on(Contact::slip())); }), Contains("free to slide"));
