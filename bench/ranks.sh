@@ -78,7 +78,7 @@ pair() { # NAME KIND WANTED RANKS SCENE PARTICLES: each rank has so many
     row "$name" "$kind" "$wanted" "$n" "$alone" "$together"
 }
 
-echo "Medians of calls of ten steps, and means of all $steps in brackets [ms a step]; a rank sends."
+echo "Medians of calls of ten steps, and means of all $steps in brackets [ms a step]; messages are those of rank 0."
 echo "| scene | ranks | without | with | ratio | must | messages a step | kB a step | divided anew |"
 echo "|---|---|---|---|---|---|---|---|---|"
 for n in $ranks; do
