@@ -2,8 +2,8 @@
 //
 // How long a whole step takes on several ranks, and what travels (see ranks.sh):
 //
-//     mpirun --bind-to none -n RANKS ranks [--particles N] [--blocks B] [--threads T] [--nccl] [--steps S]
-//     SCENE...
+//     mpirun --bind-to none -n RANKS ranks [--particles N] [--blocks B] [--threads T] [--nccl] [--peers R]
+//     [--steps S] SCENE...
 //
 // A scene is made of B blocks of N elastic particles side by side along the first axis. There are as many as
 // ranks if nothing is said, so that each rank has the same work in the same phase of the same scene on any
@@ -18,13 +18,15 @@
 //
 // It prints the median and the mean of calls of ten steps, after 64 steps in which arrays get their room;
 // with one rank also those of the backend without ranks. As `ranks_cuda` each rank has a device of its own,
-// as long as there are as many, and --nccl lets devices send to one another by NCCL.
+// as long as there are as many, and --nccl lets devices send to one another by NCCL. With --peers R it is one
+// process of R ranks, which are threads, and whose devices copy from one another.
 #include "timing.hpp"
 
 #include <firn/firn.hpp>
 #include <firn/mpi.hpp>
 #if defined(__CUDACC__)
 #include <firn/distributed/on_cuda.hpp>
+#include <firn/peers.hpp>
 #if defined(FIRN_HAS_NCCL)
 #include <firn/nccl.hpp>
 #endif
@@ -131,6 +133,7 @@ struct Options
     int particles = 125000; ///< of a block
     int blocks = 0;         ///< 0: as many as ranks
     int threads = 1, steps = 200;
+    int peers = 0; ///< ranks of this process; 0: processes are ranks
     bool by_nccl = false;
     std::vector<std::string> scenes;
 };
@@ -232,6 +235,23 @@ void measure(Local const& local, C const& of, Options options)
     }
 }
 
+/// The same on the ranks that are asked for.
+void measure_ranks(Mpi const& processes, Options const& options)
+{
+    auto const local = backend_of(processes.rank(), options.threads);
+#if defined(__CUDACC__)
+    if (options.peers > 0)
+        return run_ranks(options.peers, [&](RankThreads const& threads) {
+            auto const own = backend_of(threads.rank(), options.threads);
+            measure(own, Peers(threads, own.device), options);
+        });
+#if defined(FIRN_HAS_NCCL)
+    if (options.by_nccl) return measure(local, Nccl<Mpi>(processes, local.device), options);
+#endif
+#endif
+    measure(local, processes, options);
+}
+
 /// Reads the arguments; returns what is wrong with them, or nothing.
 std::string read(int argc, char** argv, Options& options)
 {
@@ -249,6 +269,7 @@ std::string read(int argc, char** argv, Options& options)
                             : name == "--blocks"  ? &options.blocks
                             : name == "--threads" ? &options.threads
                             : name == "--steps"   ? &options.steps
+                            : name == "--peers"   ? &options.peers
                                                   : nullptr;
         if (number == nullptr) return "unknown argument '" + name + "'";
         double const value = ++i < argc ? std::atof(argv[i]) : 0;
@@ -272,17 +293,15 @@ int main(int argc, char** argv)
 #if !(defined(__CUDACC__) && defined(FIRN_HAS_NCCL))
         if (options.by_nccl) wrong = "this program was built without NCCL: see the components of the build";
 #endif
+#if !defined(__CUDACC__)
+        if (options.peers > 0) wrong = "--peers is for devices: use ranks_cuda";
+#endif
+        if (options.peers > 0 && communicator.size() > 1) wrong = "--peers is for one process";
         if (!wrong.empty()) {
             if (communicator.rank() == 0) std::fprintf(stderr, "ranks: %s.\n", wrong.c_str());
             MPI_Abort(MPI_COMM_WORLD, 1);
         }
-        auto const local = backend_of(communicator.rank(), options.threads);
-#if defined(__CUDACC__) && defined(FIRN_HAS_NCCL)
-        if (options.by_nccl)
-            measure(local, Nccl<Mpi>(communicator, local.device), options);
-        else
-#endif
-            measure(local, communicator, options);
+        measure_ranks(communicator, options);
     }
     MPI_Finalize();
 }
