@@ -28,7 +28,8 @@ struct SurfacePoint
     std::uint32_t candidate; ///< by which it was found
     std::uint32_t found;     ///< the last step in which it was
     std::uint32_t gone;      ///< the step in which it came into another cell, as another point; or 0
-    /// 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints.
+    /// 0, or three times the obstacle into which the surface is continued plus how many steps, 1 to 3, it
+    /// lies behind the point that is continued: see FindSurfacePoints.
     std::uint32_t behind;
     /// Whether it is a node inside: one so deep that no point of the surface reaches it, which goes no
     /// deeper, or any node in what sticks.
