@@ -246,8 +246,11 @@ TEST_CASE("another world or another state on one rank is refused on all")
             worlds.reset(3, state);
         }
         catch (Error const& error) {
-            std::lock_guard const lock(mutex);
-            said.push_back(error.what());
+            {
+                std::lock_guard const lock(mutex);
+                said.push_back(error.what());
+            }
+            communicator.abort("it was refused a call"); // or others might wait if they were not
         }
     });
     REQUIRE(said.size() == 3);
