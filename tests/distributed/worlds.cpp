@@ -111,6 +111,8 @@ void append_state(Numbers& to, State const& state)
 template <class Space>
 struct EveryCall
 {
+    bool tells_states = true; ///< whose particles are in the order of cells
+
     template <class Backend>
     Numbers operator()(Backend const& backend) const
     {
@@ -130,9 +132,9 @@ struct EveryCall
         };
         go_on();
         auto const first = worlds.save(0);
-        append_state(all, first);
+        if (tells_states) append_state(all, first);
         auto const middle = worlds.save(4);
-        append_state(all, middle);
+        if (tells_states) append_state(all, middle);
         go_on();
         worlds.reset(std::vector<std::uint32_t>{6, 3}, first); // of as many particles
         worlds.reset(1, middle);
@@ -154,7 +156,8 @@ struct EveryCall
         worlds.add(2, block<d>(0.5), std::pow(h / 2, d));
         worlds.reset(2, middle);
         go_on();
-        for (std::uint32_t w = 0; w < worlds.count(); ++w) append_state(all, worlds.save(w));
+        for (std::uint32_t w = 0; w < worlds.count(); ++w)
+            if (tells_states) append_state(all, worlds.save(w));
         return all;
     }
 };
@@ -169,7 +172,7 @@ TEST_CASE("many worlds come to the same bits on any number of ranks")
 #if !defined(__CUDACC__) && defined(FIRN_TESTS_ALL)
 TEST_CASE("many worlds come to the same numbers on the reference backend on one rank and on three")
 {
-    EveryCall<Plane> const scene;
+    EveryCall<Plane> const scene{.tells_states = false}; // in a cell they lie in any order
     Numbers const alone = scene(Reference{});
     std::vector<std::size_t> different(3, 0);
     run_ranks(3, [&](RankThreads const& communicator) {

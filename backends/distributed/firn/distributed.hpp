@@ -186,7 +186,11 @@ struct Distributed
         else {
             if constexpr (exchanges) grid.exchange(orders, looks_further ? 2 : 1);
             grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
-            return local.for_each_node(orders, grid, phase);
+            auto const found = local.for_each_node(orders, grid, phase);
+            if constexpr (requires { orders[0]->merge_whole(found); })
+                return orders[0]->merge_whole(found);
+            else
+                return found;
         }
     }
     template <class CellOrders, class GridType, class Phase>

@@ -248,8 +248,8 @@ public:
         }
     }
 
-    /// Every rank updates all nodes; what is to be counted once, all of them count.
-    void show(Nodes which) { shows_none_ = which == Nodes::others; }
+    /// Every rank updates all nodes; the first one has their results, so that what they add up counts once.
+    void show(Nodes which) { shows_none_ = which != Nodes::all && (which == Nodes::own) != is_first_; }
     std::set<Coordinates<d>, reference::FirstAxisFirst> nodes() const
     {
         std::set<Coordinates<d>, reference::FirstAxisFirst> all;
