@@ -10,10 +10,9 @@
 // number of ranks.
 //
 // - elastic: they fly in all directions, sideways too, and fall on a floor. Each particle lies anywhere in
-// its eighth
-//   of a cell, so that some change their cells in each step.
+//   its eighth of a cell, so that some change their cells in each step.
 // - layers: the same on a lattice, where whole layers change their cells at once, and only ten steps come
-// before.
+//   before.
 // - splash: they are thrown on the floor sideways, which deforms and scatters them.
 //
 // It prints the median and the mean of calls of ten steps, after 64 steps in which arrays get their room;

@@ -27,6 +27,13 @@
 namespace firn::test
 {
 
+/// Where a test needs blocks of cells, but not those of space.
+#if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
+using OfBlocks = Space<2, double>; // a block of cells in space takes a processor long
+#else
+using OfBlocks = Space<3, float>;
+#endif
+
 #if defined(__CUDACC__)
 using Local = Cuda;
 constexpr int most_ranks = 3;

@@ -12,12 +12,6 @@
 namespace firn::test
 {
 
-#if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
-using OfBlocks = Space<2, double>; // a block of cells in space takes a processor long
-#else
-using OfBlocks = Space<3, float>;
-#endif
-
 /// Two blocks that fly at each other along x, over a floor, and through the parts of all ranks.
 template <class Model, class Transfer = Mls, class Kernel = QuadraticBSpline>
 auto encounter(Model const& model, Transfer const& transfer = {}, double duration = 0.1)

@@ -31,6 +31,7 @@ using firn::test::append_all;
 using firn::test::append_report;
 using firn::test::box_of_points;
 using firn::test::Numbers;
+using firn::test::OfBlocks;
 using firn::test::on;
 using firn::test::part_of_time;
 using firn::test::Ranks;
@@ -41,11 +42,6 @@ namespace
 {
 
 using Plane = firn::Space<2, double>;
-#if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
-using OfBlocks = Plane; // a block of cells in space takes a processor long
-#else
-using OfBlocks = firn::Space<3, float>;
-#endif
 
 double const h = 0.1;
 Obstacle<HalfSpace> const ground{.contact = Contact::coulomb(0.3)};

@@ -59,7 +59,8 @@ public:
     {
         if (size > capacity_) {
             std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
-            // Aligned here: a small scene allocates often, and aligned allocation takes twice as long.
+            // It is aligned here, since small scenes allocate often, and aligned allocation takes twice as
+            // long.
             auto* const block =
                 static_cast<char*>(::operator new(capacity * sizeof(T) + padding + page + alignment));
             std::size_t const beyond = reinterpret_cast<std::uintptr_t>(block) % alignment;
