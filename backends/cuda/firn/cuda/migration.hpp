@@ -51,8 +51,18 @@ struct Leavers
     std::uint32_t* next;  ///< the next leaver that comes into the same cell, or absent
     Number* contribution; ///< what each leaver scatters in its new cell; leaver by leaver
 
-    /// Those that come into one cell follow one another by this: one that lies at `where` came from there.
-    __device__ std::uint32_t origin(std::uint32_t, std::uint32_t where) const { return where; }
+    /// Those that come into one cell follow one another by this: which neighbour they come from, and where
+    /// they lay. Those of one cell lay there in their order. How blocks are numbered is of no account, since
+    /// that depends on when each was created.
+    FIRN_HOST_DEVICE static std::uint64_t origin_of(std::uint32_t way, std::uint32_t where)
+    {
+        return std::uint64_t{way} << 32 | where;
+    }
+    /// The origin of a leaver that lies at `where`.
+    __device__ std::uint64_t origin(std::uint32_t leaver, std::uint32_t where) const
+    {
+        return origin_of(way[leaver], where);
+    }
     /// What is no longer needed once leavers have found their new cells.
     std::uint32_t* scratch() const { return cell; }
 };
@@ -175,6 +185,7 @@ __global__ void find_cells(Leavers<Number> leavers, Coordinates<d> const* cells,
         return;
     }
     leavers.slot[i] = first + i;
+    leavers.way[i] = 0; // new items come from no cell, and follow one another by where they lie
     arrive(leavers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
 }
 

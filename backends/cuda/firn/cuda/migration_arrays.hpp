@@ -68,7 +68,7 @@ struct LeaverArrays
             counters.fill_bytes(0, 1, 0);
         }
         for (auto* const array : {&slot, &cell, &next}) make_room(*array, room);
-        make_room(way, channels > 0 ? room : 0);
+        make_room(way, room);
         make_room(contribution, room * static_cast<std::size_t>(channels));
     }
 

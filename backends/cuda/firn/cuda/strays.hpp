@@ -121,15 +121,11 @@ struct LeaversOfDevices : Leavers<Number>
     std::uint64_t const* origins; ///< of those that came
     std::uint32_t* spare;         ///< as much room as there are leavers
 
-    /// The block that an item left, and its slot in the order there: whatever device has it, this is the
-    /// order in which one device alone would have had them.
-    FIRN_HOST_DEVICE static std::uint64_t origin_of(std::uint32_t block, std::uint32_t slot)
-    {
-        return std::uint64_t{block} << 32 | slot;
-    }
+    /// The same: whatever device has the neighbour, this is the order in which one device alone would have
+    /// had them.
     __device__ std::uint64_t origin(std::uint32_t leaver, std::uint32_t where) const
     {
-        return leaver < first ? origin_of(this->cell[leaver] / 64, where) : origins[leaver - first];
+        return leaver < first ? Leavers<Number>::origin(leaver, where) : origins[leaver - first];
     }
     std::uint32_t* scratch() const { return spare; }
 };
@@ -175,7 +171,7 @@ __global__ void note_strays(Stray const* strays, std::uint32_t count, Leavers<Nu
     constexpr std::uint32_t of_block = BlockShape<d>::cells;
     Stray const stray = strays[i];
     WayOut<d> const out(stray.cell % of_block, stray.way);
-    origins[i] = LeaversOfDevices<Number>::origin_of(stray.cell / of_block, stray.slot);
+    origins[i] = Leavers<Number>::origin_of(stray.way, stray.slot);
     cells[i] = stray.block * of_block + out.place;
     auto const channels = static_cast<std::size_t>(leavers.channels);
     for (std::size_t c = 0; c < channels; ++c)
@@ -200,7 +196,7 @@ static __global__ void __launch_bounds__(64)
     for (std::uint32_t slot = begin[cell]; slot < begin[cell + 1]; ++slot) {
         std::uint32_t const at = of.first + slot - first;
         places[at] = order != nullptr ? order[slot] : slot;
-        origins[at - before] = LeaversOfDevices<float>::origin_of(of.block, slot);
+        origins[at - before] = slot; // in their order: no others come into these cells
         cells[at - before] = cell;
     }
     if (threadIdx.x == 0) block_stay[of.block] = 0;
