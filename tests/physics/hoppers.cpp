@@ -120,6 +120,30 @@ TEST_CASE("at the surface alone they lose no water either, however sharp they ar
             }
 }
 
+// What flows along the floor of the tray and is turned by a wall drives what is a little inside deeper.
+TEST_CASE("at the surface alone nothing is lost where water runs out of a hopper, either",
+          "[physics][surface]")
+{
+    struct Setting
+    {
+        double overlap, degrees, offset;
+    };
+    for (auto const& [overlap, degrees, offset] : {Setting{1, 60, 0.3}, {1, 75, 0.3}, {0, 75, 0.5}}) {
+        CAPTURE(overlap, degrees, offset);
+        Hopper<Scene<Water, QuadraticBSpline, Mls>, ActsOn::surface> hopper(
+            {.opening = 0.04,
+             .overlap = overlap,
+             .slope = degrees * M_PI / 180,
+             .h = 0.01,
+             .offset = {offset, 0.7 * offset, 0}},
+            materials::water<Plane>(3));
+        hopper.advance(0.5);
+        CHECK(hopper.lost == 0);
+        CHECK(hopper.deepest < 0.1); // [cells]
+        CHECK(hopper.count_below() > hopper.solver.size() / 10);
+    }
+}
+
 TEST_CASE("tanks of boards and of tiles that only touch hold water at the surface alone",
           "[physics][surface]")
 {

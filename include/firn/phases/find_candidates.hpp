@@ -38,6 +38,20 @@ FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, std::u
     });
 }
 
+/// Calls `use(number, obstacle)` for each of them, but thin shells, that may be as near as this [m] to lanes
+/// of places.
+template <class... Actions, Lane Real, int d, class Use>
+FIRN_HOST_DEVICE void for_each_solid_at_surface(Chain<Actions...> const& chain,
+                                                LanePosition<Real, d> const& place, Real distance,
+                                                Use const& use)
+{
+    for_each_at_surface(chain, [&](auto const& action, std::uint32_t first) {
+        action.for_each_within(place, distance, [&](std::uint32_t i, auto const& obstacle) {
+            if (!obstacle.is_thin(place.lattice)) use(first + i, obstacle);
+        });
+    });
+}
+
 /// On nodes, before they are updated: finds those at which points of obstacles' surfaces may lie, since they
 /// have mass and are near a surface, or that lie deep inside.
 template <class Space, class Kernel, class Transfer, class Effects>

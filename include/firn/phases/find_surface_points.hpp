@@ -64,11 +64,10 @@ private:
     FIRN_HOST_DEVICE void for_each_other(LanePosition<Number, d> const& place, std::uint32_t number,
                                          Use const& use) const
     {
-        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
-            action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
-                if (first + j != number && !other.is_thin(place.lattice)) use(first + j, other);
-            });
-        });
+        for_each_solid_at_surface(now->actions, place, in_cells(looks_as_far),
+                                  [&](std::uint32_t j, auto const& other) {
+                                      if (j != number) use(j, other);
+                                  });
     }
 
     template <class Obstacle>

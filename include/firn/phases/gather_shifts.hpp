@@ -6,8 +6,10 @@
 #include <firn/grid/stencil.hpp>
 #include <firn/models/response.hpp>
 #include <firn/particles/table_view.hpp>
+#include <firn/phases/keep_out_of_solids.hpp>
 #include <firn/transfer/node_fields.hpp>
 
+#include <cstddef>
 #include <type_traits>
 
 namespace firn
@@ -30,8 +32,8 @@ using ShiftsOf =
     std::conditional_t<KeepsItsVolume<Model>, FieldsById<Number const, d, Fields<VolumeShift>>, NoShifts>;
 
 /// Particles gather the gradient of the potential that nodes have in the first channel of their values, which
-/// is how far they are moved.
-template <class Space, class Kernel, class PersistentFields>
+/// is how far they are moved, but into no solid.
+template <class Space, class Kernel, class PersistentFields, class Effects>
 struct GatherShifts
 {
     static constexpr int d = Space::dimension;
@@ -45,6 +47,8 @@ struct GatherShifts
     using CellNodes = CellPolynomial<Kernel, Real, d, channels_at_once<Kernel, d>>;
     using Result = NothingFound;
 
+    StepContext<Number, Effects> const* now;
+    Lattice lattice;
     TableView<Number const, d, PersistentFields> particles;
     FieldsById<Number, d, Fields<VolumeShift>> shifts;
 
@@ -109,10 +113,41 @@ struct GatherShifts
         Record<Real, d, Fields<VolumeShift>> found;
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) found[VolumeShift{}][a] = min(max(items.scratch(d + a), -bound), bound);
+        if constexpr (Effects::groups_at_surface > 0) keep_out<Real>(items, bound, found[VolumeShift{}]);
         shifts.store(items, particles.id, found);
     }
 
 private:
+    /// Lane by lane, since a lane looks up the obstacles near it by its own cell.
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE void keep_out(Items const& items, Real bound, Vector<Real, d>& shift) const
+    {
+        constexpr int width = lane_width<Real>;
+        constexpr Number to_node = Number(0.5 - cell_shift(Kernel::degree));
+        Number const cell = static_cast<Number>(lattice.cell_size);
+        Vector<Real, d> const x = position_of<Real>(items), along = items.along();
+        Number offsets[std::size_t(d)][std::size_t(width)], cells[std::size_t(d)][std::size_t(width)],
+            ways[std::size_t(d)][std::size_t(width)];
+        for (int a = 0; a < d; ++a) {
+            LaneTraits<Real>::store(x[a], offsets[a]);
+            LaneTraits<Real>::store(along[a], cells[a]);
+            LaneTraits<Real>::store(shift[a], ways[a]);
+        }
+        for_each_lane<width>(bits(items.here()), [&](int lane) {
+            LanePosition<Number, d> place{lattice, items.first(), zeros<Vector<Number, d>>(),
+                                          kernel_reach(Kernel::degree)};
+            Vector<Number, d> way;
+            for (int a = 0; a < d; ++a) {
+                place.first[a] += static_cast<int>(cells[a][lane]);
+                place.offset[a] = offsets[a][lane] + to_node;
+                way[a] = ways[a][lane] * cell;
+            }
+            way = KeepOutOfSolids<Number, d, Effects>{now}(place, way);
+            for (int a = 0; a < d; ++a) ways[a][lane] = way[a] / cell;
+        });
+        for (int a = 0; a < d; ++a) shift[a] = min(max(LaneTraits<Real>::load(ways[a]), -bound), bound);
+    }
+
     template <class Real, class Items>
     FIRN_HOST_DEVICE static Vector<Real, d> position_of(Items const& items)
     {

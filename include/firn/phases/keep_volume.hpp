@@ -190,11 +190,7 @@ private:
     FIRN_HOST_DEVICE void for_each_solid(LanePosition<Real, d> const& place, Use const& use) const
     {
         Real const reach = in_cells<Real>(0.5 * (Kernel::degree + 1) + 1);
-        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
-            action.for_each_within(place, reach, [&](std::uint32_t i, auto const& obstacle) {
-                if (!obstacle.is_thin(lattice)) use(first + i, obstacle);
-            });
-        });
+        for_each_solid_at_surface(now->actions, place, reach, use);
     }
 
     /// Whether the place of an obstacle's surface nearest to a node lies in another one, out of which it does

@@ -50,9 +50,10 @@ void find_shifts(StepMemory<Backend, Sets, Transfer>& memory,
         if constexpr (KeepsItsVolume<typename Material::Model>) {
             auto layer = grid.layer(k);
             auto& table = scene.sets.template particles<k>();
-            backend.for_each_cell(table.cells(), layer,
-                                  GatherShifts<Space, Kernel, typename Material::Stored>{
-                                      table.current(), memory.volumes.shifts(k, table.size())});
+            backend.for_each_cell(
+                table.cells(), layer,
+                GatherShifts<Space, Kernel, typename Material::Stored, Actions>{
+                    now, memory.lattice, table.current(), memory.volumes.shifts(k, table.size())});
         }
     });
 }

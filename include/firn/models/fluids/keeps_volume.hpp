@@ -21,6 +21,8 @@ namespace firn
 /// little of it (Kugelstadt, Longva, Thürey and Bender 2019, *Implicit density projection for volume
 /// conserving liquids*; here explicit sweeps). Velocities and states stay, and so does momentum.
 ///
+/// No particle is moved into a solid, and one that is inside by less than half a cell is moved out.
+///
 /// Obstacles have to act at their surface (`Obstacles<Shape, ActsOn::surface>`), since the room beside one
 /// counts; programs with other ones do not compile. A shell thinner than a cell takes no room.
 template <class Model>
