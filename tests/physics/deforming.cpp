@@ -136,6 +136,64 @@ TEST_CASE("a disk that grows pushes what surrounds it outwards at the speed of i
     CHECK(last >= 0.2037 + growth - 0.02 * h);
 }
 
+TEST_CASE("at its surface a disk that deforms by moving on acts as one that moves on", "[surface]")
+{
+    double const h = 0.05, duration = 0.2;
+    Point const way(0.5, 0.1);
+    auto const rigid = there(disk({0, 0}, 0.2037));
+    auto const soft =
+        there(DeformingGrid<double, 2>(disk({0, 0}, 0.2037), disk(way, 0.2037),
+                                       on_nodes<Point>([&](Point const&) { return way; }), 0, duration));
+    Jelly::Solver with_rigid(lattice(h)), with_soft(lattice(h));
+    auto const points = box_of_points<2>({0.25, -0.2}, {0.65, 0.4}, h);
+    with_rigid.add(points, h * h / 4);
+    with_soft.add(points, h * h / 4);
+    Obstacles<std::decay_t<decltype(rigid)>, ActsOn::surface> moves;
+    moves.list.push_back(
+        {.shape = rigid, .motion = {.velocity = {way[0] / duration, way[1] / duration, 0}, .time = 0}});
+    Obstacles<std::decay_t<decltype(soft)>, ActsOn::surface> deforms;
+    deforms.list.push_back({.shape = soft});
+    Eigen::Vector3d of_rigid(0, 0, 0), of_soft(0, 0, 0);
+    for (auto const& report : with_rigid.steps(200, duration / 200, moves))
+        of_rigid += report.reactions[0].impulse;
+    for (auto const& report : with_soft.steps(200, duration / 200, deforms))
+        of_soft += report.reactions[0].impulse;
+    auto const x = with_rigid.positions(), y = with_soft.positions();
+    double worst = 0, farthest = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        worst = std::max(worst, double((x[i] - y[i]).norm()));
+        farthest = std::max(farthest, double((x[i] - points[i].cast<Jelly::Number>()).norm()));
+    }
+    CHECK(farthest > h); // it has been pushed
+    CHECK(worst <= 1e-6 * h);
+    CHECK((of_rigid - of_soft).norm() <= 1e-6 * of_rigid.norm());
+}
+
+// It rises by one and a half cells, between nodes. At the middle of the block nothing but the rise moves it.
+TEST_CASE("a block lies on the surface of a floor that deforms by rising, and weighs on it", "[surface]")
+{
+    double const h = 0.05, duration = 0.2, low = -0.0171, rise = 0.0749, g = 9.81;
+    auto const level = [](double height) { return distances([=](Point const& x) { return x[1] - height; }); };
+    auto const floor = there(
+        DeformingGrid<double, 2>(level(low), level(low + rise),
+                                 on_nodes<Point>([&](Point const&) { return Point(0, rise); }), 0, duration));
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>::Solver block(lattice(h));
+    block.add(box_of_points<2>({0.1, low}, {0.5, low + 0.2}, h), h * h / 4, {0, rise / duration});
+    Obstacles<std::decay_t<decltype(floor)>, ActsOn::surface> floors;
+    floors.list.push_back({.shape = floor});
+    auto const lowest = [&] {
+        double least = 1;
+        for (auto const& x : block.positions()) least = std::min(least, double(x.y()));
+        return least;
+    };
+    double const weight = block.totals().mass * g, above = h / 4;
+    block.advance(duration / 2, Gravity{}, floors); // it sags, and comes to rest relative to the floor
+    CHECK(std::abs(lowest() - (low + rise / 2 + above)) < 0.05 * h);
+    auto const report = block.advance(duration / 2, Gravity{}, floors);
+    CHECK(std::abs(lowest() - (low + rise + above)) < 0.05 * h);
+    CHECK(std::abs(-report.reactions[0].impulse.y() / (weight * duration / 2) - 1) < 0.02);
+}
+
 TEST_CASE("a shape that changes its form is refused if its numbers make no sense")
 {
     double const no_number = std::numeric_limits<double>::quiet_NaN();
