@@ -93,6 +93,19 @@ struct Counted
         sent->bytes += double(bytes);
         of.gather_on_device(stream, own, bytes, all);
     }
+    template <class Stream>
+    void gather_beside(Stream const& stream, void const* own, std::size_t bytes, void* all,
+                       std::span<DeviceMessage const> to,
+                       std::span<DeviceMessage const> from) const requires requires
+    {
+        this->of.gather_beside(stream, own, bytes, all, to, from);
+    }
+    {
+        sent->messages += 1 + double(to.size());
+        sent->bytes += double(bytes);
+        for (auto const& message : to) sent->bytes += double(message.bytes);
+        of.gather_beside(stream, own, bytes, all, to, from);
+    }
     int rank() const { return of.rank(); }
     int size() const { return of.size(); }
     std::vector<Parcel> exchange(std::vector<Parcel> const& to) const

@@ -8,11 +8,13 @@
 #include <firn/distributed.hpp>
 #include <firn/distributed/on_cuda.hpp>
 #include <firn/distributed/rank_threads.hpp>
+#include <firn/distributed/room_for_items.hpp>
 #include <firn/firn.hpp>
 #include <firn/peers.hpp>
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <type_traits>
 #include <vector>
@@ -20,6 +22,7 @@
 using namespace firn;
 using firn::test::box_of_points;
 using firn::test::encounter;
+using firn::test::Numbers;
 using firn::test::OfBlocks;
 
 TEST_CASE("ranks whose devices copy from each other come to the bits of one device")
@@ -38,6 +41,75 @@ TEST_CASE("ranks whose devices copy from each other come to the bits of one devi
         on_processor::Memory::are_peers = true;
     }
 #endif
+}
+
+TEST_CASE("particles that are changed on their way from device to device come to the bits of one device")
+{
+    // Particles travel as soon as they have moved, but what a call changes between steps is of another value.
+    auto const with = [](auto const& transfer) {
+        return [transfer](auto const& backend) {
+            using Model = NeoHookean<Space<2, double>>;
+            using Transfer = std::remove_cvref_t<decltype(transfer)>;
+            Solver<std::remove_cvref_t<decltype(backend)>, Model, QuadraticBSpline, Transfer> solver(
+                lattice(0.1), {}, transfer, {}, backend);
+            solver.add(box_of_points<2>({0, 0}, {2, 0.6}, 0.05), 0.05 * 0.05, {20, 3});
+            double const dt = 0.02 / 20; // each second layer or so changes its cells in a step
+            solver.steps(6, dt);
+            for (int i = 0; i < 6; ++i) {
+                solver.steps(1, dt);
+                auto strains = solver.template download<DisplacementGradient>();
+                for (auto& strain : strains) strain *= 0.9;
+                solver.template upload<DisplacementGradient>(strains);
+            }
+            solver.steps(2, dt);
+            for (int i = 0; i < 3; ++i) {
+                auto velocities = solver.template download<Velocity>();
+                for (auto& velocity : velocities) velocity *= 1.01;
+                solver.template upload<Velocity>(velocities);
+                solver.steps(1, dt);
+            }
+            solver.steps(3, dt);
+            Numbers all;
+            try {
+                solver.step(0.5);
+            }
+            catch (StepError const&) {
+                all.push_back(1);
+            }
+            firn::test::append_all(all, solver);
+            solver.steps(3, dt);
+            solver.remove_if(Inside{Sphere{0.2}, Motion{.position = {1.2, 0.3, 0}}});
+            solver.steps(3, dt);
+            solver.add(box_of_points<2>({3, 0}, {3.2, 0.2}, 0.05), 0.05 * 0.05, {-20, 0});
+            solver.steps(10, dt);
+            firn::test::append_all(all, solver);
+            return all;
+        };
+    };
+    // velocities are gathered from the grid, and travel beside the others if they are set; or they are stored
+    firn::test::require_same_on_ranks({2}, with(Mls{}), firn::test::on_peers);
+    firn::test::require_same_on_ranks({3}, with(Flip{}), firn::test::on_peers);
+}
+
+TEST_CASE("messages between devices have room for as many particles as have travelled of late")
+{
+    distributed::RoomForItems room(2);
+    auto const steps = [&](int count, std::uint32_t leave) {
+        for (int i = 0; i < count; ++i) room.count_step([&](int from, int) { return from == 0 ? leave : 0; });
+    };
+    CHECK(!room.is_any());
+    steps(1, 1000);
+    CHECK((room(0, 1) > 1100 && room(0, 1) < 1300));
+    CHECK(room(0, 1) % distributed::RoomForItems::unit == 0);
+    CHECK(room(1, 0) == 0);
+    auto const before = room(0, 1);
+    steps(1, distributed::RoomForItems::most + 1); // they gain nothing by being sent early
+    steps(20, 1050);
+    CHECK(room(0, 1) == before);
+    steps(100, 10);
+    CHECK((room(0, 1) >= 10 && room(0, 1) < 100));
+    steps(100, 0);
+    CHECK(!room.is_any());
 }
 
 TEST_CASE("no rank waits for the device of one that has ended, or that makes another call")

@@ -217,6 +217,13 @@ struct Distributed
     {
         orders[0]->share_results(orders, of_nodes, of_items, false);
     }
+    /// Called when the step is queued as a whole: what has come from other ranks may be taken in before the
+    /// host knows how the step has ended.
+    template <class Orders>
+    void go_on_early(Orders const& orders) const requires(Local::queues)
+    {
+        orders[0]->go_on_early(orders);
+    }
     /// Called when the host has waited for that. If there was no room on a rank, calls `move_again()` where
     /// items must move once more, shares anew, and returns false: the step is to be finished anew.
     template <class Orders, class OfNodes, class OfItems, class MoveAgain>

@@ -72,12 +72,7 @@ public:
         if (to.empty() && from.empty()) return;
         std::unique_lock const lock = use();
         check(ncclGroupStart(), "ncclGroupStart");
-        for (auto const& message : to)
-            check(ncclSend(message.data, message.bytes, ncclChar, message.rank, link_->comm, stream),
-                  "ncclSend");
-        for (auto const& message : from)
-            check(ncclRecv(message.data, message.bytes, ncclChar, message.rank, link_->comm, stream),
-                  "ncclRecv");
+        swap(stream, to, from);
         check(ncclGroupEnd(), "ncclGroupEnd");
     }
     void gather_on_device(cudaStream_t stream, void const* own, std::size_t bytes, void* all) const
@@ -85,8 +80,29 @@ public:
         std::unique_lock const lock = use();
         check(ncclAllGather(own, all, bytes, ncclChar, link_->comm, stream), "ncclAllGather");
     }
+    /// Both at once, in one loop of NCCL.
+    void gather_beside(cudaStream_t stream, void const* own, std::size_t bytes, void* all,
+                       std::span<DeviceMessage const> to, std::span<DeviceMessage const> from) const
+    {
+        std::unique_lock const lock = use();
+        check(ncclGroupStart(), "ncclGroupStart");
+        check(ncclAllGather(own, all, bytes, ncclChar, link_->comm, stream), "ncclAllGather");
+        swap(stream, to, from);
+        check(ncclGroupEnd(), "ncclGroupEnd");
+    }
 
 private:
+    void swap(cudaStream_t stream, std::span<DeviceMessage const> to,
+              std::span<DeviceMessage const> from) const
+    {
+        for (auto const& message : to)
+            check(ncclSend(message.data, message.bytes, ncclChar, message.rank, link_->comm, stream),
+                  "ncclSend");
+        for (auto const& message : from)
+            check(ncclRecv(message.data, message.bytes, ncclChar, message.rank, link_->comm, stream),
+                  "ncclRecv");
+    }
+
     /// NCCL's communicator of this rank.
     struct Link
     {

@@ -142,9 +142,14 @@ public:
     template <class Work>
     void change(Work const& work)
     {
-        state_ = TableState::changing; // a failure leaves it so
-        work();
-        state_ = TableState::sorted;
+        forget_packed();
+        change_by(work);
+    }
+    /// Called where stored values change while particles have yet to be sorted: values that have been packed
+    /// for other ranks are old.
+    void forget_packed()
+    {
+        if constexpr (requires { contents_.cells.forget_packed(); }) contents_.cells.forget_packed();
     }
     /// Whether change() or sort() broke off after changing existing particles, too.
     bool is_half_changed() const { return state_ == TableState::changing; }
@@ -153,6 +158,17 @@ public:
     void sort()
     {
         sort([](CellOrder& cells, auto const& offsets) { cells.rebin(offsets); });
+        finish_sort();
+    }
+    /// The same for a step that moves all particles. Until then they may lie anywhere in their arrays, unless
+    /// finish_sort() is called.
+    void begin_sort()
+    {
+        sort([](CellOrder& cells, auto const& offsets) { cells.begin_rebin(offsets); });
+    }
+    void finish_sort()
+    {
+        if constexpr (spans_ranks<Backend>) detail::fill_holes_of_ranks(contents_);
     }
 
     /// The same, where `rebin(cells, offsets)` does the work.
@@ -160,7 +176,7 @@ public:
     void sort(Rebin const& rebin)
     {
         if (state_ != TableState::moved) return;
-        change([&] {
+        change_by([&] {
             if constexpr (spans_ranks<Backend>)
                 detail::rebin_over_ranks(contents_, backend_);
             else
@@ -201,6 +217,14 @@ public:
     }
 
 private:
+    template <class Work>
+    void change_by(Work const& work)
+    {
+        state_ = TableState::changing; // a failure leaves it so
+        work();
+        state_ = TableState::sorted;
+    }
+
     Lattice lattice_;
     int kernel_degree_;
     Backend backend_;

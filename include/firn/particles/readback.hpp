@@ -166,6 +166,7 @@ ColumnsOf<Table> changed_columns(Table const& table, Change const& change)
 template <class Table>
 void set_columns(Table& table, ColumnsOf<Table> const& columns)
 {
+    table.forget_packed();
     for (std::size_t c = 0; c < columns.size(); ++c)
         table.contents().buffer[0].component[c].upload(0, columns[c]);
 }

@@ -178,26 +178,30 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
     end_exchange(to, backend);
 }
 
-/// Makes room for particles, and for a sixteenth more where an array has to grow: all ranks wait while one
-/// allocates, and a rank has hardly more than that beyond its share before space is divided anew.
-template <class Array>
-void make_room_for(Array& array, std::size_t places, std::size_t kept)
-{
-    if (places * sizeof(typename Array::Value) > array.memory()) array.resize(places + places / 16, kept);
-    array.resize(places, kept);
-}
-
-/// Makes room in all arrays for particles that come from other ranks behind the first ones.
+/// Makes room in all arrays for particles that come from other ranks behind the first ones, where they may
+/// lie already. Where an array has to grow it grows by a sixteenth more: all ranks wait while one allocates,
+/// and a rank has hardly more than that beyond its share before space is divided anew. There is also room for
+/// as many as may come in the next step.
 template <class Contents>
 void make_room_for_coming(Contents& to, std::size_t first, std::size_t coming)
 {
     if (coming == 0) return;
-    for_each_array(to.buffer[0], [&](auto& array) { make_room_for(array, first + coming, first); });
-    for_each_array(to.buffer[1], [&](auto& array) { make_room_for(array, first + coming, 0); });
+    std::size_t const places = first + coming, then = places + coming / 4 + 64;
+    auto const make_room = [&](auto& array, bool keeps) {
+        auto const has_room = [&](std::size_t count) {
+            return count * sizeof(*array.data()) <= array.memory();
+        };
+        std::size_t const kept = !keeps ? 0 : has_room(places) ? places : first;
+        array.resize(has_room(places) ? places : array.size(), kept);
+        if (!has_room(then)) array.resize(then + then / 16, kept);
+        array.resize(places, kept);
+    };
+    for_each_array(to.buffer[0], [&](auto& array) { make_room(array, true); });
+    for_each_array(to.buffer[1], [&](auto& array) { make_room(array, false); });
 }
 
 /// The arrays of particles that travel from device to device with them.
-template <class Contents>
+template <class Contents, int buffer = 0>
 struct TravellingFields
 {
     Contents& contents;
@@ -205,7 +209,7 @@ struct TravellingFields
     template <class Use>
     void by_place(Use&& use) const
     {
-        for_each_array(contents.buffer[0], use);
+        for_each_array(contents.buffer[buffer], use);
     }
     /// Those of fields that are cached: their rows are found by ids.
     template <class Use>
@@ -218,7 +222,27 @@ struct TravellingFields
     auto& ids() const { return contents.buffer[0].id; }
 };
 
-/// ParticleTable::sort() where particles may leave for other ranks, and come from them.
+/// Called when a step has been queued: what particles have in the next buffer travels, if they change their
+/// rank in it; unless more does, which it writes beside that.
+template <class Contents>
+void tell_what_travels(Contents& contents, bool wrote_derived)
+{
+    if (wrote_derived)
+        contents.cells.will_not_swap();
+    else
+        contents.cells.will_swap(TravellingFields<Contents, 1>{contents});
+}
+
+/// Lets particles lie at the first places of their arrays again, which rebin_over_ranks() may have left to
+/// do.
+template <class Contents>
+void fill_holes_of_ranks(Contents& contents)
+{
+    if constexpr (requires { contents.cells.fill_holes(TravellingFields<Contents>{contents}); })
+        contents.cells.fill_holes(TravellingFields<Contents>{contents});
+}
+
+/// ParticleTable::begin_sort() where particles may leave for other ranks, and come from them.
 template <class Contents, class Backend>
 void rebin_over_ranks(Contents& to, Backend const& backend)
 {
@@ -244,6 +268,7 @@ void balance_ranks(Sets& sets, Grid& grid, Backend const& backend)
     if (!backend.divides_anew(sets.orders())) return;
     Sets::for_each([&](auto k) {
         auto& table = sets.template particles<k>();
+        table.finish_sort();
         auto& to = table.contents();
         using Contents = std::remove_reference_t<decltype(to)>;
         auto const layer = grid.layer(k);

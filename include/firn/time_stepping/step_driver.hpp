@@ -38,23 +38,31 @@ public:
     template <class Effects, class Visit>
     FIRN_COLD StepLog const& take(Steps<Effects>& step, Visit const& visit)
     {
-        step.rebin();
-        step.activate_grid();
-        step.scatter_missing();
-        step.find_shifts();
-        if (step.solve()) {
-            auto reactions = step.update_grid(0);
-            auto found = step.g2p2g(0);
-            step.share_results(reactions, found);
-            step.finish_step(0, reactions, found);
-            step.read_log(1);
-            step.repeat_without_room(0, reactions, found);
+        try {
+            step.rebin();
+            step.activate_grid();
+            step.scatter_missing();
+            step.find_shifts();
+            if (step.solve()) {
+                auto reactions = step.update_grid(0);
+                auto found = step.g2p2g(0);
+                step.share_results(reactions, found);
+                step.finish_step(0, reactions, found);
+                step.read_log(1);
+                step.repeat_without_room(0, reactions, found);
+            }
+            else
+                step.read_log(1);
         }
-        else
-            step.read_log(1);
-
+        catch (...) {
+            step.finish_rebin();
+            throw;
+        }
         bool const failed = step.has_failed();
-        if (!failed) step.commit();
+        if (failed)
+            step.finish_rebin();
+        else
+            step.commit();
         step.adopt(1, failed ? 0 : 1, failed);
         step.end(failed ? 0 : 1, failed);
         if (!failed) visit(step.entry(1).record);

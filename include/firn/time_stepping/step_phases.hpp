@@ -72,9 +72,13 @@ public:
     /// Rebins the particles into the cells that they have moved to. Scattering the leavers may complete it.
     void rebin()
     {
-        Sets::for_each([&](auto k) {
-            particles<k>().sort([](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
-        });
+        Sets::for_each([&](auto k) { particles<k>().begin_sort(); });
+        if constexpr (StepsImplicitly<Transfer> || Sets::keep_volume) finish_rebin();
+    }
+    /// Called where a step ends before the particles have moved, or is not committed.
+    void finish_rebin()
+    {
+        Sets::for_each([&](auto k) { particles<k>().finish_sort(); });
     }
 
     /// Activates the grid blocks under the particles.
@@ -156,7 +160,11 @@ public:
     template <class OfNodes, class Found>
     void share_results([[maybe_unused]] OfNodes& of_nodes, [[maybe_unused]] Found& found) const
     {
-        if constexpr (shares_results) memory_.backend.share_results(orders(), of_nodes, found);
+        if constexpr (shares_results) {
+            Sets::for_each(
+                [&](auto k) { detail::tell_what_travels(particles<k>().contents(), wrote_derived_[k]); });
+            memory_.backend.share_results(orders(), of_nodes, found);
+        }
     }
     /// They learn here, when the log is read, whether all of them had room, and else do it once more.
     template <class OfNodes, class Found>
@@ -203,7 +211,12 @@ public:
     void read_log(int steps)
     {
         for_each_group([&](auto& group) { group.add_up(steps); });
-        heard_ = memory_.storage.template of<Entry>().read();
+        auto& log = memory_.storage.template of<Entry>();
+        if constexpr (shares_results) { // what needs no answer goes on while the host waits
+            log.fetch();
+            memory_.backend.go_on_early(orders());
+        }
+        heard_ = log.read();
     }
     Entry const& entry(int i) const { return heard_[i]; }
     /// How many steps have been taken.

@@ -84,6 +84,17 @@ struct LeaverArrays
                             before * static_cast<std::size_t>(channels));
     }
 
+    /// Room for `more` behind those, which are not listed as leavers are; keeps these.
+    void make_room_behind(std::size_t more, int channels)
+    {
+        std::size_t const room = most + more;
+        if (room <= slot.size()) return;
+        for (auto* const array : {&slot, &cell, &next}) array->resize(room, most);
+        way.resize(room, most);
+        contribution.resize(room * static_cast<std::size_t>(channels),
+                            most * static_cast<std::size_t>(channels));
+    }
+
     /// For exactly `room` elements: callers have added the spare.
     template <class T>
     static void make_room(Array<T>& array, std::size_t room)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/cuda/copy_elements.hpp>
 #include <firn/cuda/migration.hpp>
 
 #include <cstddef>
@@ -31,6 +32,7 @@ struct Stray
     std::uint32_t leaver, slot;
     std::uint32_t cell, way; ///< where it came from, and where it goes: see Leavers
     std::uint32_t block;     ///< its new one, or absent if that does not exist
+    std::uint32_t at;        ///< its place among those that go to the same rank
 };
 
 /// What a search for the new cells of leavers has found. All is 0 before.
@@ -104,8 +106,10 @@ private:
             if (block == absent)
                 out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
             if (block == absent || owners[block] != rank) {
-                if (block != absent) take_place(of_ranks, owners[block]);
-                strays[take_place(&searched->strays, 0)] = {leaver, leavers.slot[leaver], from, way, block};
+                std::uint32_t at = 0;
+                if (block != absent) at = take_place(of_ranks, owners[block]);
+                strays[take_place(&searched->strays, 0)] = {leaver, leavers.slot[leaver], from, way, block,
+                                                            at};
                 return false;
             }
         }
@@ -130,16 +134,26 @@ struct LeaversOfDevices : Leavers<Number>
     std::uint32_t* scratch() const { return spare; }
 };
 
-/// Lets items that came from other devices into their cells; they lie at `place` and behind it.
+/// Lets items that came from one other device into their cells: they are listed from `before` on, of those
+/// that came from all, and lie at `place` and behind it.
 template <class Number>
-__global__ void admit(LeaversOfDevices<Number> leavers, std::uint32_t count, std::uint32_t place,
-                      std::uint32_t const* cells, Changes changes)
+struct Admit
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i >= count) return;
-    leavers.slot[leavers.first + i] = place + i;
-    arrive<Number>(leavers, changes, leavers.first + i, cells[i] / 64, cells[i] % 64);
-}
+    LeaversOfDevices<Number> leavers;
+    Changes changes;
+    std::uint64_t const* from; ///< their origins
+    std::uint32_t const* cells;
+    std::uint64_t* origins;
+    std::uint32_t before, place;
+
+    __device__ void operator()(std::uint32_t i) const
+    {
+        std::uint32_t const leaver = leavers.first + before + i, cell = cells[i];
+        origins[before + i] = from[i];
+        leavers.slot[leaver] = place + i;
+        arrive<Number>(leavers, changes, leaver, cell / 64, cell % 64);
+    }
+};
 
 /// Counts the items of each block.
 static __global__ void count_items(std::uint32_t const* begin, std::uint32_t blocks, std::uint32_t* counts)
@@ -148,14 +162,14 @@ static __global__ void count_items(std::uint32_t const* begin, std::uint32_t blo
     if (b < blocks) counts[b] = begin[(b + 1) * 64] - begin[b * 64];
 }
 
-/// Lists strays rank by rank, from each rank's cursor on, and where they lie.
+/// Lists strays rank by rank, where those of each rank begin, and where they lie.
 static __global__ void list_by_rank(Stray const* strays, std::uint32_t count, std::uint32_t const* owners,
-                                    std::uint32_t* cursors, Stray* sorted, std::uint32_t* places)
+                                    std::uint32_t const* begins, Stray* sorted, std::uint32_t* places)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
     if (i >= count) return;
     Stray const stray = strays[i];
-    std::uint32_t const at = take_place(cursors, owners[stray.block]);
+    std::uint32_t const at = begins[owners[stray.block]] + stray.at;
     sorted[at] = stray;
     places[at] = stray.slot;
 }
@@ -202,46 +216,6 @@ static __global__ void __launch_bounds__(64)
     if (threadIdx.x == 0) block_stay[of.block] = 0;
 }
 
-/// Arrays that are copied at once, each from place to place in elements of its own size.
-struct CopiedArrays
-{
-    static constexpr unsigned most = 32;
-    struct Of
-    {
-        unsigned char const* from;
-        unsigned char* to;
-        std::uint32_t bytes; ///< of an element
-    };
-    Of of[most];
-};
-
-/// Which elements: listed ones, or as they come if there is no list.
-struct CopiedPlaces
-{
-    std::uint32_t const *from, *to;
-    std::uint32_t const* count; ///< null: all for which there are threads
-    std::uint32_t most;
-};
-
-/// Copies elements of all arrays, with `groups` groups of threads for each.
-static __global__ void copy_elements(CopiedArrays arrays, CopiedPlaces places, unsigned groups)
-{
-    CopiedArrays::Of const& array = arrays.of[blockIdx.x / groups];
-    std::uint32_t const i = blockIdx.x % groups * blockDim.x + threadIdx.x;
-    if (i >= (places.count != nullptr ? *places.count : places.most)) return;
-    std::size_t const from = places.from != nullptr ? places.from[i] : i,
-                      to = places.to != nullptr ? places.to[i] : i;
-    auto const copy = [&]<class Word>(Word) {
-        std::uint32_t const words = array.bytes / sizeof(Word);
-        for (std::uint32_t w = 0; w < words; ++w)
-            reinterpret_cast<Word*>(array.to)[to * words + w] =
-                reinterpret_cast<Word const*>(array.from)[from * words + w];
-    };
-    if (array.bytes % 4 == 0)
-        copy(std::uint32_t{});
-    else
-        copy(std::uint8_t{});
-}
 /// Tells apart the places of items that have gone: those before `left` are holes, and those behind are
 /// marked.
 static __global__ void find_holes(std::uint32_t const* places, std::uint32_t gone, std::uint32_t left,

@@ -42,8 +42,9 @@ concept Communicator = std::copy_constructible<C> &&
 /// in the stream of a device, and return at once. `exchange_on_device(stream, to, from)` sends messages and
 /// receives others: both ranks of a message know how long it is, and those between two ranks are in the same
 /// order on both. `gather_on_device(stream, own, bytes, all)` lets all ranks have what each has, as many
-/// bytes of each, by rank. Ranks without messages make these calls, too. Other communicators get copies in
-/// the host's memory.
+/// bytes of each, by rank. Ranks without messages make these calls, too. A communicator that does both at
+/// once in less time has `gather_beside(stream, own, bytes, all, to, from)`, too. Other communicators get
+/// copies in the host's memory.
 template <class C, class Stream>
 concept DeviceCommunicator = Communicator<C> &&
     requires(C const communicator, Stream const& stream, std::span<DeviceMessage const> messages,

@@ -42,12 +42,20 @@ public:
     }
 
     /// Lets each rank have what all of them have, as many bytes of each, one rank's behind the other's.
+    /// Beside that they may swap messages, if the communicator does so without the host.
     template <class C>
-    void gather(C const& communicator, unsigned char const* own, std::size_t bytes, unsigned char* all)
+    void gather(C const& communicator, unsigned char const* own, std::size_t bytes, unsigned char* all,
+                std::span<DeviceMessage const> to = {}, std::span<DeviceMessage const> from = {})
     {
         if constexpr (is_on_device<C>) {
             cuda::OnDevice const here(queue_);
-            communicator.gather_on_device(queue_.stream, own, bytes, all);
+            cudaStream_t const stream = queue_.stream;
+            if constexpr (requires { communicator.gather_beside(stream, own, bytes, all, to, from); })
+                communicator.gather_beside(stream, own, bytes, all, to, from);
+            else {
+                communicator.gather_on_device(stream, own, bytes, all);
+                if (!to.empty() || !from.empty()) communicator.exchange_on_device(stream, to, from);
+            }
         }
         else {
             auto* const out = out_.as<unsigned char>(bytes);

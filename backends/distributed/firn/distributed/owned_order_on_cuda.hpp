@@ -10,6 +10,7 @@
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/partition.hpp>
 #include <firn/distributed/results_on_cuda.hpp>
+#include <firn/distributed/room_for_items.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/periods.hpp>
@@ -54,7 +55,7 @@ public:
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
           curve_(partition_->lattice(), Local::extent), here_(backend), strays_(backend), search_(backend),
           owners_(backend), blocks_here_(backend), told_(backend.queue()), shared_(backend.queue()),
-          count_(backend)
+          room_(communicator_.size()), room_of_packed_(room_), count_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -175,15 +176,11 @@ public:
             this->add_blocks(births);
             born_.resize(this->blocks() - before); // all, or none if there was no room
             add_owners(before, born_);
-            search_.renew(words);
-            search_.fill_bytes(0, words, 0);
-            std::array const again{search(search_.data())};
-            cuda::launch_after("search_step", this->queue_,
-                               cuda::detail::search_step<cuda::detail::SearchHere<d, Number>, 1>,
-                               again[0].groups(), cuda::detail::searching_threads, again, again[0].groups());
+            queue_search();
             auto const all = of_all_ranks(communicator_, downloaded(search_, words));
             hear({all.data(), words});
         }
+        are_swapped_ = false; // they have been listed anew
     }
 
     /// See SharedResults.
@@ -191,6 +188,12 @@ public:
     void share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items, bool again)
     {
         shared_.share(communicator_, orders, of_nodes, of_items, again);
+    }
+    /// See SharedResults.
+    template <class Orders>
+    void go_on_early(Orders const& orders) const
+    {
+        shared_.go_on_early(orders);
     }
     template <class OfNodes, class OfItems>
     bool had_room_for_results(OfNodes& of_nodes, OfItems& of_items)
@@ -232,6 +235,9 @@ protected:
     using Shape = cuda::BlockShape<d>;
     using Stray = cuda::detail::Stray;
     using Searched = cuda::detail::Searched;
+
+    static constexpr std::size_t place_of_strays =
+        offsetof(Searched, strays) / sizeof(std::uint32_t); ///< in what a rank tells
 
     static Coordinates<d> block_at(Coordinates<d> cell)
     {
@@ -301,6 +307,17 @@ protected:
                           static_cast<std::uint32_t const*>(told + owners.size()), more);
     }
 
+    /// Lets leavers search once more; what they find is in `search_`.
+    void queue_search()
+    {
+        std::size_t const words = SearchOfRanks::words(communicator_.size());
+        search_.renew(words);
+        search_.fill_bytes(0, words, 0);
+        std::array const again{search(search_.data())};
+        cuda::launch_after("search_step", this->queue_,
+                           cuda::detail::search_step<cuda::detail::SearchHere<d, Number>, 1>,
+                           again[0].groups(), cuda::detail::searching_threads, again, again[0].groups());
+    }
     /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
     /// room for. They are in `born_`, which need not be loaded from the device.
     std::uint32_t births_of_all_ranks(std::uint32_t own)
@@ -346,7 +363,14 @@ protected:
         }
         searched_ = found.of(own);
         live_is_known_ = knows_live_here_ = true;
-        if (had_room) return true;
+        are_swapped_ = had_room && are_packed_ && births_ == 0;
+        for (int from = 0; are_swapped_ && from < ranks; ++from)
+            for (int to = 0; to < ranks; ++to)
+                are_swapped_ = are_swapped_ && found.leaving(from, to) <= room_of_packed_(from, to);
+        if (had_room) {
+            room_.count_step([&](int from, int to) { return found.leaving(from, to); });
+            return true;
+        }
         this->short_ = {1, most + most / 2, 0, 0}; // all ranks wait while items move again
         this->make_room();
         return false;
@@ -392,6 +416,9 @@ protected:
     std::vector<std::uint64_t> born_;             ///< keys of the blocks that were missing on any rank
     std::vector<std::uint32_t> items_;            ///< of each block here, when it was last weighed
     SharedResults shared_;                        ///< used of the first order of cells
+    RoomForItems room_, room_of_packed_;          ///< in messages with strays
+    bool are_packed_ = false;                     ///< strays have been sent by the latter
+    bool are_swapped_ = false;                    ///< so have all of them, on all ranks
     std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there
     cuda::Array<std::uint32_t> count_;
 };

@@ -67,7 +67,8 @@ private:
 };
 
 /// Shares the results of a step. Each rank tells as many bytes: at first, for each order of cells, what the
-/// search for new cells has found, and how many results of each loop are listed; then these.
+/// search for new cells has found, and how many results of each loop are listed; then these. Beside that go
+/// the strays, if there is room for them in messages of a length that ranks have agreed on.
 class SharedResults
 {
 public:
@@ -118,11 +119,15 @@ public:
                                tell.groups, cuda::detail::telling_threads, tell);
         }
         if (!again) search(cells, told, of_order);
+        std::vector<DeviceMessage> to, from; // of strays
+        if (are_more && !again)
+            for (std::size_t k = 0; k < orders; ++k) cells[k]->pack_early(told + k * of_order, to, from);
         if (are_more) side_.end();
         unsigned char const* all = own_.data();
         if (are_more) {
             all_.renew(bytes * ranks);
-            exchange_.gather(communicator, own_.data(), bytes, all_.data());
+            bytes_ = bytes;
+            exchange_.gather(communicator, own_.data(), bytes, all_.data(), to, from);
             all = all_.data();
         }
 
@@ -157,6 +162,16 @@ public:
             cuda::launch_after("merge_step", queue_, cuda::detail::merge_step<OfNodes, OfItems, orders>,
                                loops * hear.merging, cuda::detail::MergeTold<OfNodes>::merging_threads, hear);
         cleared_ = head;
+    }
+
+    /// Called when the step is queued as a whole: lets orders go on with what has come to them.
+    template <class Order, std::size_t orders>
+    void go_on_early(std::array<Order*, orders> const& cells) const
+    {
+        for (std::size_t k = 0; k < orders; ++k)
+            cells[k]->take_in_early(reinterpret_cast<std::uint32_t const*>(all_.data()) +
+                                        k * SearchOfRanks::words(cells[k]->communicator().size()),
+                                    bytes_ / sizeof(std::uint32_t));
     }
 
     /// Called when the host has waited, while all ranks have had room for their leavers: whether there was
@@ -223,6 +238,7 @@ private:
     cuda::Queue queue_;
     cuda::SideQueue side_;
     cuda::Array<unsigned char> own_, all_;
+    std::size_t bytes_ = 0;   ///< of each rank in these
     std::size_t cleared_ = 0; ///< bytes at the beginning of what this rank tells that are 0
     cuda::HostMemory heads_;  ///< what each rank tells at first
     std::size_t words_ = 0;   ///< of one rank

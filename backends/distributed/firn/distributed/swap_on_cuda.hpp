@@ -2,14 +2,18 @@
 #pragma once
 
 #include <firn/cuda/array.hpp>
+#include <firn/cuda/copy_elements.hpp>
+#include <firn/cuda/pack_strays.hpp>
 #include <firn/cuda/strays.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 namespace firn::distributed
@@ -30,13 +34,15 @@ public:
                                 static_cast<std::uint32_t>(each * sizeof(T))};
         if (count_ == cuda::detail::CopiedArrays::most) start();
     }
-    /// Queues what has been added.
-    void start()
+    /// Queues what has been added; it also calls `also(i)` for the number of each element.
+    template <class Also = cuda::detail::NothingAlso>
+    void start(Also const& also = {})
     {
-        unsigned const groups = cuda::groups_of(places_.most, 256);
-        if (count_ > 0 && groups > 0)
-            cuda::launch_after("copy_elements", queue_, cuda::detail::copy_elements, groups * count_, 256,
-                               arrays_, places_, groups);
+        unsigned const groups = cuda::groups_of(places_.most, 256),
+                       parts = count_ + (std::is_same_v<Also, cuda::detail::NothingAlso> ? 0 : 1);
+        if (parts > 0 && groups > 0)
+            cuda::launch_after("copy_elements", queue_, cuda::detail::copy_elements<Also>, groups * parts,
+                               256, arrays_, places_, groups, count_, also);
         count_ = 0;
     }
 
@@ -59,10 +65,17 @@ class SwapOfItems
     using Stray = cuda::detail::Stray;
 
 public:
+    /// An array of items that travel.
+    struct TravellingArray
+    {
+        unsigned char* elements;
+        std::size_t bytes; ///< of an element
+    };
+
     explicit SwapOfItems(cuda::Queue const& queue)
-        : queue_(queue), begins_(queue), blocks_(queue), rows_(queue), cursors_(queue), gone_(queue),
-          sorted_(queue), out_(queue), in_(queue), is_gone_(queue), holes_(queue), place_(queue),
-          from_(queue), to_(queue), exchange_(queue)
+        : queue_(queue), begins_(queue), blocks_(queue), rows_(queue), begins_there_(queue), gone_(queue),
+          packed_gone_(queue), sorted_(queue), out_(queue), in_(queue), is_gone_(queue), holes_(queue),
+          place_(queue), from_(queue), to_(queue), messages_here_(queue), messages_(queue), exchange_(queue)
     {}
 
     /// Sends so many `strays` to each rank, and receives what comes: see came().
@@ -84,6 +97,79 @@ public:
         }
         exchange_(communicator, to, from);
         came_ = from;
+        room_of_came_ = coming;
+    }
+
+    /// Queues packing of strays that have just been found, before the host knows how many there are: their
+    /// `arrays`, and messages that have room for so many items by rank, which are added to others. Those that
+    /// come are unpacked as if they had been swapped later.
+    void pack_early(cuda::Array<Stray> const& strays, std::uint32_t const* count, std::uint32_t const* owners,
+                    cuda::detail::Leavers<Number> const& leavers, std::vector<TravellingArray> const& arrays,
+                    std::vector<std::uint32_t> const& room_out, std::vector<std::uint32_t> const& room_in,
+                    std::vector<DeviceMessage>& to, std::vector<DeviceMessage>& from)
+    {
+        using cuda::detail::MessageOfItems, cuda::detail::PackedArrays;
+        channels_ = static_cast<std::size_t>(leavers.channels);
+        auto const [packed, parts, bytes] = parts_of_items(leavers, arrays);
+        std::vector<MessageOfItems> messages;
+        auto const add_messages = [&](cuda::Array<std::byte>& buffer, std::vector<std::uint32_t> const& rooms,
+                                      std::vector<DeviceMessage>& all, bool goes) {
+            std::size_t const items = std::accumulate(rooms.begin(), rooms.end(), std::size_t{0});
+            buffer.renew_amply(items * bytes);
+            auto* next = buffer.data();
+            for (std::size_t rank = 0; rank < rooms.size(); ++rank) {
+                std::size_t const of_message = rooms[rank] * bytes;
+                if (goes) messages.push_back({next, rooms[rank]});
+                if (of_message > 0) all.push_back({static_cast<int>(rank), next, of_message});
+                next += of_message;
+            }
+            return static_cast<std::uint32_t>(items);
+        };
+        std::size_t const before = from.size();
+        add_messages(in_, room_in, from, false);
+        came_.assign(from.begin() + static_cast<std::ptrdiff_t>(before), from.end());
+        room_of_came_ = room_in;
+        std::uint32_t const items = add_messages(out_, room_out, to, true);
+        if (items == 0) return;
+        packed_gone_.renew_amply(items);
+        auto const is_told = std::ranges::equal(messages, told_, [](auto const& a, auto const& b) {
+            return a.data == b.data && a.room == b.room;
+        });
+        if (!is_told) {
+            told_ = messages;
+            auto* const here = messages_here_.template as<MessageOfItems>(messages.size());
+            std::ranges::copy(messages, here); // the host has waited since they were copied last
+            messages_.renew_amply(messages.size());
+            cuda::copy_queued(queue_, messages_.data(), static_cast<MessageOfItems const*>(here),
+                              messages.size());
+        }
+        unsigned const groups = cuda::groups_of(items, 256);
+        cuda::launch_after("pack_strays", queue_, cuda::detail::pack_strays<d, Number>, groups * (1 + parts),
+                           256,
+                           cuda::detail::StraysToPack{strays.data(), count, owners, messages_.data(),
+                                                      packed_gone_.data(), items},
+                           packed, groups);
+    }
+    /// Queues that what has come so is taken in, from `place` on, unless `are_left` is not 0; see unpack().
+    void take_in_early(std::uint32_t const* are_left, cuda::detail::ToldOfStrays const& told,
+                       std::uint32_t place, std::vector<TravellingArray> const& arrays,
+                       cuda::detail::LeaversOfDevices<Number> const& leavers, std::uint64_t* origins,
+                       cuda::detail::Changes const& changes) const
+    {
+        auto const [packed, parts, bytes] = parts_of_items(leavers, arrays);
+        for (auto const& message : came_) {
+            std::uint32_t const room = room_of_came_[static_cast<std::size_t>(message.rank)];
+            unsigned const groups = cuda::groups_of(room, 256);
+            cuda::launch_after("take_in", queue_, cuda::detail::take_in<Number>, groups * (1 + parts), 256,
+                               are_left, told, static_cast<std::uint32_t>(message.rank),
+                               cuda::detail::MessageOfItems{message.data, room}, leavers, changes, origins,
+                               place, packed, groups);
+        }
+    }
+    /// Whether so many arrays of items can be packed so.
+    static constexpr bool has_room_for(std::size_t arrays)
+    {
+        return arrays < cuda::detail::PackedArrays::most;
     }
 
     /// What is known of the items of whole blocks.
@@ -131,36 +217,38 @@ public:
             before += leaving[rank];
         }
         came_ = from;
+        room_of_came_ = coming;
         beside.add_messages(to, from);
         exchange_(communicator, to, from);
     }
 
-    /// Where it is to go, for the first item that has come, what its new cell must know.
-    struct Notes
-    {
-        std::uint64_t* origins;
-        std::uint32_t* cells;
-        Number* contributions;
-    };
-    /// Copies what has come: notes, and the fields of items to their arrays, from `place` on.
+    /// Called when the step in which strays were packed has succeeded.
+    void accept_packed() { gone_.swap(packed_gone_); }
+    /// Forgets what has come.
+    void forget() { came_.clear(); }
+    /// Copies what has come to its arrays, from `place` on, and lets it into its cells: it is listed among
+    /// `leavers`, and `origins` are of what has come.
     template <class Fields>
-    void unpack(std::vector<std::uint32_t> const& coming, std::size_t place, Fields const& fields,
-                Notes const& notes)
+    void unpack(std::vector<std::uint32_t> const& coming, std::uint32_t place, Fields const& fields,
+                cuda::detail::LeaversOfDevices<Number> const& leavers, std::uint64_t* origins,
+                cuda::detail::Changes const& changes)
     {
-        std::size_t before = 0;
+        std::uint32_t before = 0;
         for (auto const& message : came_) {
-            std::uint32_t const count = coming[static_cast<std::size_t>(message.rank)];
-            Sections next{message.data, count};
+            auto const rank = static_cast<std::size_t>(message.rank);
+            std::uint32_t const count = coming[rank];
+            Sections next{message.data, room_of_came_[rank]};
             CopyOfArrays copy(queue_, {nullptr, nullptr, nullptr, count});
-            copy.add(next.template take<std::uint64_t>(), notes.origins + before);
-            copy.add(next.template take<std::uint32_t>(), notes.cells + before);
+            auto const* const from = next.template take<std::uint64_t>();
+            auto const* const cells = next.template take<std::uint32_t>();
             if (channels_ > 0)
-                copy.add(next.template take<Number>(channels_), notes.contributions + before * channels_,
-                         channels_);
+                copy.add(next.template take<Number>(channels_),
+                         leavers.contribution + (leavers.first + before) * channels_, channels_);
             fields.by_place([&]<class Array>(Array& array) {
                 copy.add(next.template take<typename Array::Value>(), array.data() + place + before);
             });
-            copy.start();
+            copy.start(
+                cuda::detail::Admit<Number>{leavers, changes, from, cells, origins, before, place + before});
             CopyOfArrays by_id(queue_, {nullptr, fields.ids().data() + place + before, nullptr, count});
             fields.by_id([&]<class Array>(Array& array) {
                 by_id.add(next.template take<typename Array::Value>(), array.data());
@@ -195,8 +283,9 @@ public:
 
     std::size_t memory() const
     {
-        std::size_t bytes = blocks_.memory() + rows_.memory() + cursors_.memory() + gone_.memory() +
-                            sorted_.memory() + out_.memory() + in_.memory();
+        std::size_t bytes = blocks_.memory() + rows_.memory() + begins_there_.memory() + gone_.memory() +
+                            packed_gone_.memory() + sorted_.memory() + out_.memory() + in_.memory() +
+                            messages_.memory();
         for (auto const* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) bytes += array->memory();
         return bytes;
     }
@@ -253,6 +342,28 @@ private:
             }
     }
 
+    struct PartsOfItems
+    {
+        cuda::detail::PackedArrays arrays{};
+        unsigned count = 0;
+        std::size_t bytes = sizeof(std::uint64_t) + sizeof(std::uint32_t); ///< of an item
+    };
+    /// The parts of messages that are packed early, behind the first two: what items scatter, and their
+    /// arrays.
+    PartsOfItems parts_of_items(cuda::detail::Leavers<Number> const& leavers,
+                                std::vector<TravellingArray> const& arrays) const
+    {
+        PartsOfItems parts;
+        auto const add = [&](unsigned char* elements, std::size_t of_element) {
+            parts.arrays.of[parts.count++] = {elements, static_cast<std::uint32_t>(of_element),
+                                              static_cast<std::uint32_t>(parts.bytes)};
+            parts.bytes += of_element;
+        };
+        add(reinterpret_cast<unsigned char*>(leavers.contribution), channels_ * sizeof(Number));
+        for (auto const& array : arrays) add(array.elements, array.bytes);
+        return parts;
+    }
+
     /// Some of the strays that are listed.
     struct Range
     {
@@ -268,12 +379,14 @@ private:
         std::exclusive_scan(leaving.begin(), leaving.end(), begins, std::uint32_t{0});
         std::uint32_t const count = begins[leaving.size() - 1] + leaving.back();
         if (count == 0) return;
-        cursors_.renew_amply(leaving.size());
-        cuda::copy_queued(queue_, cursors_.data(), static_cast<std::uint32_t const*>(begins), leaving.size());
+        begins_there_.renew_amply(leaving.size());
+        cuda::copy_queued(queue_, begins_there_.data(), static_cast<std::uint32_t const*>(begins),
+                          leaving.size());
         sorted_.renew_amply(count);
         gone_.renew_amply(count);
         cuda::launch_after("list_by_rank", queue_, cuda::detail::list_by_rank, cuda::groups_of(count, 256),
-                           256, strays.data(), count, owners, cursors_.data(), sorted_.data(), gone_.data());
+                           256, strays.data(), count, owners, begins_there_.data(), sorted_.data(),
+                           gone_.data());
     }
     template <class Fields>
     void pack(Range const& range, std::byte* to, cuda::detail::Leavers<Number> const& leavers,
@@ -313,11 +426,17 @@ private:
     std::size_t channels_ = 0;
     cuda::HostMemory begins_;
     cuda::Array<cuda::detail::BlockOfItems> blocks_;
-    cuda::Array<std::uint32_t> rows_, cursors_, gone_; ///< gone: where those lie that leave
+    cuda::Array<std::uint32_t> rows_, begins_there_;
+    cuda::Array<std::uint32_t> gone_,
+        packed_gone_; ///< where those lie that leave, or will if a step succeeds
     cuda::Array<Stray> sorted_;
     cuda::Array<std::byte> out_, in_;
     cuda::Array<std::uint32_t> is_gone_, holes_, place_, from_, to_; ///< is_gone: two counts are behind it
     std::vector<DeviceMessage> came_;
+    std::vector<std::uint32_t> room_of_came_; ///< by rank: for so many items
+    cuda::HostMemory messages_here_;          ///< on the way to the device
+    cuda::Array<cuda::detail::MessageOfItems> messages_;
+    std::vector<cuda::detail::MessageOfItems> told_; ///< the same
     DeviceExchange exchange_;
 };
 
