@@ -21,6 +21,14 @@ FIRN_HOST_DEVICE inline float as_number(std::int32_t whole) { return static_cast
 FIRN_HOST_DEVICE inline std::int32_t as_whole(float number) { return static_cast<std::int32_t>(number); }
 /// 1 where the mask holds, and else 0.
 FIRN_HOST_DEVICE inline std::int32_t one_where(bool mask) { return mask; }
+/// The nearest whole number, in operations that packs have: halves go away from zero. A number has its own.
+template <class Real>
+FIRN_HOST_DEVICE auto nearest_whole(Real const& number)
+{
+    auto const whole = as_whole(number);
+    Real const rest = number - as_number(whole);
+    return whole + one_where(rest >= Real(0.5f)) - one_where(rest <= Real(-0.5f));
+}
 
 /// How an offset from the centre of a cell, in cells, is stored.
 ///
@@ -99,11 +107,7 @@ struct CellOffset<float>
     template <class Whole, class Real = decltype(as_number(Whole()))>
     FIRN_HOST_DEVICE static Whole moved(Whole const& stored, std::type_identity_t<Real> const& displacement)
     {
-        // To the nearest, halves away from zero, in operations that packs have, too.
-        Real const exact = displacement * Real(0x1p30f);
-        Whole const whole = as_whole(exact);
-        Real const rest = exact - as_number(whole);
-        return stored + whole + one_where(rest >= Real(0.5f)) - one_where(rest <= Real(-0.5f));
+        return stored + nearest_whole(displacement * Real(0x1p30f));
     }
 
     template <class Whole>

@@ -117,6 +117,19 @@ FIRN_HOST_DEVICE inline void add_together_in_any_order(std::int64_t& to, std::in
 #endif
 }
 
+/// The nearest whole number. Halves go away from zero, but on a device, which has one operation for it, to
+/// the even one.
+FIRN_HOST_DEVICE inline std::int32_t nearest_whole(float number)
+{
+#if defined(__CUDA_ARCH__)
+    return __float2int_rn(number);
+#else
+    auto const whole = static_cast<std::int32_t>(number);
+    float const rest = number - static_cast<float>(whole);
+    return whole + (rest >= 0.5f) - (rest <= -0.5f);
+#endif
+}
+
 /// A number that other parts of a loop may set at the same time.
 FIRN_HOST_DEVICE inline std::uint32_t read_shared(std::uint32_t const& number)
 {

@@ -84,7 +84,8 @@ struct G2p2g
     FieldsById<Number, d, DerivedFields> velocities; ///< written if present
     MassGroups<Number> mass_groups;
     Lattice lattice;
-    Number inverse_cell_size;   ///< [1/m]: a device would divide for each particle
+    Number cell_size;           ///< [m]: a device would round it for each particle
+    Number inverse_cell_size;   ///< [1/m]: and divide
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
     ShiftsOf<Model, Number, d> shifts{};
 
@@ -181,7 +182,7 @@ private:
             if (shifts.present) {
                 Record<Real, d, Fields<VolumeShift>> own;
                 shifts.load(items, before.id, own);
-                displacement += own[VolumeShift{}] * Real(static_cast<Number>(lattice.cell_size));
+                displacement += own[VolumeShift{}] * Real(cell_size);
             }
     }
 
@@ -190,14 +191,13 @@ private:
     FIRN_HOST_DEVICE void store_contribution(Items& items, Particle const& particle, Vector<Real, d> const& x,
                                              Matrix<Real, d> const& stress) const
     {
-        Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = mass_groups.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces * inverse_cell_size));
         Record<Real, d, typename Scatter::CarriedTerms> carried_terms;
-        carried_by(transfer).template scatter<Real, d>(particle, mass, Real(h), carried_terms);
+        carried_by(transfer).template scatter<Real, d>(particle, mass, Real(cell_size), carried_terms);
         Scatter::store(items, x, mass,
-                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)),
+                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)),
                        carried_terms);
     }
 

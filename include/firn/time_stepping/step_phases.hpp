@@ -348,6 +348,7 @@ private:
             wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
             table.mass_groups(),
             memory_.lattice,
+            static_cast<Number>(memory_.lattice.cell_size),
             static_cast<Number>(1 / memory_.lattice.cell_size),
             largest_deformation_,
             shifts_of<k>(step)};

@@ -105,9 +105,11 @@ public:
     __device__ Vector<Number, d> along() const { return Vector<Number, d>::Zero(); }
     __device__ bool at_the_edge() const
     {
-        for (int a = 0; a < d; ++a)
-            if (abs(static_cast<double>(cell_[a])) > Order::largest_coordinate) return true;
-        return false;
+        constexpr int most = static_cast<int>(Order::largest_coordinate);
+        bool is_near = false;
+#pragma unroll
+        for (int a = 0; a < d; ++a) is_near = is_near || cell_[a] > most || cell_[a] < -most;
+        return is_near;
     }
 
     /// Marks the item as a leaver. Its contribution goes to a list, and is not scattered here.

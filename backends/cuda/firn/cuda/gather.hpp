@@ -35,7 +35,7 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
     using In = ShapeOfItems<GridType, Phase>;
     Signal::Heard const heard = signal.hear();
     std::uint32_t const block = cells.block(blockIdx.x);
-    ItemsOfBlock<Order, GridType, Phase> items(cells, block); // loaded while the signal is on its way
+    ItemsOfBlock<Order, GridType, Phase, teams> items(cells, block); // loaded while the signal is on its way
     if (heard.stops()) return;
     __shared__ std::uint32_t left_cell[block_threads], left_chunk, first_leaver;
     if (threadIdx.x < block_threads) left_cell[threadIdx.x] = 0;

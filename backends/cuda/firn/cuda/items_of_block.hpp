@@ -119,8 +119,8 @@ struct ShapeOfItems
     }
 };
 
-/// The work of a group of threads on a block.
-template <class Order, class GridType, class Phase>
+/// The work of a group of threads on a block: of at most `most` teams.
+template <class Order, class GridType, class Phase, unsigned most = 1>
 class ItemsOfBlock
 {
 public:
@@ -149,6 +149,10 @@ public:
         __syncthreads();
     }
 
+    /// Known to the compiler in a loop for one team.
+    __device__ static unsigned teams() { return most == 1 ? 1 : blockDim.x / In::team_threads; }
+    __device__ static unsigned threads() { return most == 1 ? In::team_threads : blockDim.x; }
+
     __device__ std::uint32_t size() const { return end_ - first_; }
     /// Of a cell of the block.
     __device__ std::uint32_t size_of_cell(std::uint32_t place) const
@@ -170,9 +174,9 @@ public:
             std::uint32_t i = threadIdx.x, source = source_;
             if (chunk != first_ && i < count_) source = cells_.order[chunk + i];
             __syncthreads();
-            for (; i < count_; i += blockDim.x) {
+            for (; i < count_; i += threads()) {
                 std::uint32_t const from = source;
-                if (i + blockDim.x < count_) source = cells_.order[chunk + i + blockDim.x];
+                if (i + threads() < count_) source = cells_.order[chunk + i + threads()];
                 Coordinates<d> const cell = Shape::cell(places()[i]);
                 item.enter(origin_ + cell, tiles_.values + Tile::at(cell), from, chunk + i);
                 use(item, i);
@@ -210,15 +214,24 @@ public:
     __device__ void write_leavers(Leavers<Number> const& to, Destinations<d> const& where,
                                   std::uint32_t block, std::uint32_t first, std::uint32_t count) const
     {
-        constexpr std::uint32_t of_each = In::channels_of_leaver;
-        for (std::uint32_t n = threadIdx.x; n < count * of_each; n += blockDim.x) {
+        using Some = NumbersAtOnce<Number>;
+        constexpr std::uint32_t of_each = In::channels_of_leaver / Some::count;
+        auto* const contribution = reinterpret_cast<Some*>(to.contribution) + std::size_t(first) * of_each;
+        for (std::uint32_t n = threadIdx.x; n < count * of_each; n += threads()) {
             std::uint32_t const k = n / of_each, i = leavers()[k] & 0xffffu;
-            int const channel = std::min(int(n % of_each), In::channels - 1); // what fills up is any number
-            Number number = contributions()[channel * In::stride + padded(i)];
-            if (channel == 0) number = std::bit_cast<Number>(std::bit_cast<Bits>(number) & ~mark);
-            if (first + k < to.most) to.contribution[std::size_t(first) * of_each + n] = number;
+            int const channel = int(n % of_each) * Some::count;
+            Some some;
+#pragma unroll
+            for (int c = 0; c < Some::count; ++c) { // what fills up the last vector is any number
+                Number number =
+                    contributions()[std::min(channel + c, In::channels - 1) * In::stride + padded(i)];
+                if (c == 0 && channel == 0)
+                    number = std::bit_cast<Number>(std::bit_cast<Bits>(number) & ~mark);
+                some.of[c] = number;
+            }
+            if (first + k < to.most) contribution[n] = some;
         }
-        for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += blockDim.x) {
+        for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += threads()) {
             std::uint32_t const leaver = leavers()[k], i = leaver & 0xffffu, way = leaver >> 16,
                                 c = block * Shape::cells + places()[i];
             to.slot[first + k] = chunk_ + i;
@@ -234,14 +247,14 @@ public:
     __device__ void scatter(Sums* to, bool afresh, Meanwhile const& meanwhile) const
     {
         using Scatter = typename Phase::Scatter;
-        std::uint32_t const team = threadIdx.x / In::team_threads, teams = blockDim.x / In::team_threads,
+        std::uint32_t const team = most == 1 ? 0 : threadIdx.x / In::team_threads,
                             layer = threadIdx.x % In::team_threads / block_threads,
                             place = threadIdx.x % block_threads;
         auto const [begin, end] = in_chunk(place);
         SumsOfLayer sums{};
         std::uint32_t i = begin + team;
         auto const frame = Scatter::frame_of(Row{contributions() + padded(i < end ? i : 0)});
-        for (; i < end; i += teams) {
+        for (; i < end; i += teams()) {
             Row const row{contributions() + padded(i)};
             if (In::moves && abs(row.scratch(0)) >= 2) continue; // it has left
             Scatter::scatter_layer(row, static_cast<int>(layer), frame, sums);
@@ -249,7 +262,7 @@ public:
         if (begin + team < end) Scatter::leave_frame(frame, sums);
         __syncthreads();
         meanwhile();
-        add_up(sums, layer, place, to, afresh, teams);
+        add_up(sums, layer, place, to, afresh);
     }
 
 private:
@@ -303,7 +316,7 @@ private:
     /// Adds the sums of all cells and layers to the tile, in a fixed order. They are added up in tiles that
     /// lie where contributions lay.
     __device__ void add_up(SumsOfLayer const& sums, [[maybe_unused]] std::uint32_t layer, std::uint32_t place,
-                           Sums* to, bool afresh, [[maybe_unused]] std::uint32_t teams) const
+                           Sums* to, bool afresh) const
     {
         auto* const tiles = reinterpret_cast<Sums*>(contributions());
         Coordinates<d> cell = Shape::cell(static_cast<int>(place));
@@ -316,29 +329,24 @@ private:
             add(sums, own + Tile::at(cell));
         }
         else {
-            for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) tiles[n] = Sums{};
-            for (int turn = 0; turn < int(blockDim.x / 32); ++turn) {
+            for (int n = int(threadIdx.x); n < Tile::nodes; n += int(threads())) tiles[n] = Sums{};
+            for (int turn = 0; turn < int(threads() / 32); ++turn) {
                 __syncthreads();
                 if (turn == warp) add(sums, tiles + Tile::at(cell) + int(layer) * Tile::plane);
             }
         }
         __syncthreads();
-        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(threads())) {
             Sums sum{};
             if (!afresh) sum = to[n];
             if constexpr (In::has_tiles_of_warps) {
-                int const plane = n / Tile::plane, in_plane = n % Tile::plane;
-                for (unsigned t = 0; t < teams; ++t)
+                constexpr int planes = Shape::groups * In::layer_nodes; // both groups' lie side by side
+                for (unsigned t = 0; t < teams(); ++t)
 #pragma unroll
-                    for (int l = 0; l < int(In::layers); ++l) {
-                        int const x = plane - l; // of the cells
-                        if (x < 0 || x >= Shape::extent) continue;
-                        SharedTiles<GridType>::plus(
-                            sum,
-                            tiles[((int(t) * int(In::layers) + l) * Shape::groups + x / Shape::group_extent) *
-                                      In::layer_nodes +
-                                  x % Shape::group_extent * Tile::plane + in_plane]);
-                    }
+                    for (int l = 0; l < int(In::layers); ++l)
+                        if (int const at = n - l * Tile::plane; at >= 0 && at < planes)
+                            SharedTiles<GridType>::plus(sum,
+                                                        tiles[(int(t) * int(In::layers) + l) * planes + at]);
             }
             else
                 SharedTiles<GridType>::plus(sum, tiles[n]);
