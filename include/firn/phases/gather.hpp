@@ -211,7 +211,43 @@ private:
         });
     }
 
-    /// The sums over a particle's stencil. A row's nodes are relative to a reference value, such as that of a
+    /// Sums over nodes of a particle's stencil: those of a row, of a plane, or all.
+    template <class Real>
+    struct NodeSum
+    {
+        Vector<Real, d> value, old; ///< velocities, and old velocities
+        Matrix<Real, d> moment;     ///< column a: velocities times places along axis a
+        Matrix<Real, d> slope;      ///< column a: with derivatives along axis a for weights
+    };
+
+    /// Adds what lies at place k along an axis, where sums over the axes behind it are known: three planes,
+    /// three rows in each, and three nodes in each of these need fewer products than 27 nodes. Places are
+    /// counted from the cell's centre, so that those of all particles are the same small numbers.
+    template <class Real, class Nodes>
+    FIRN_HOST_DEVICE static void add_along(Nodes const& nodes, int axis, int k, NodeSum<Real> const& inner,
+                                           NodeSum<Real>& outer)
+    {
+        Real const w = nodes.weight[std::size_t(axis)][std::size_t(k)],
+                   dw = nodes.derivative[std::size_t(axis)][std::size_t(k)];
+        Number const place = Number(k) - Number(0.5) * Kernel::degree;
+        auto const add = [&](Real& to, Real const& term) { to = k == 0 ? term : to + term; };
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) {
+            Real const weighted = inner.value[a] * w;
+            add(outer.value[a], weighted);
+            if constexpr (Transfer::keeps_old_velocity) add(outer.old[a], inner.old[a] * w);
+            if constexpr (terms.affine)
+                if (2 * k != Kernel::degree) add(outer.moment(a, axis), weighted * Real(place));
+            if constexpr (terms.gradient) add(outer.slope(a, axis), inner.value[a] * dw);
+            FIRN_UNROLL
+            for (int b = axis + 1; b < d; ++b) {
+                if constexpr (terms.affine) add(outer.moment(a, b), inner.moment(a, b) * w);
+                if constexpr (terms.gradient) add(outer.slope(a, b), inner.slope(a, b) * w);
+            }
+        }
+    }
+
+    /// The sums over a particle's stencil. Its nodes are relative to a reference value, such as that of a
     /// node nearby. The weights add up to one, and their distances and gradients to zero, only up to a
     /// rounding, which in steady motion would be the same in every step.
     template <class Real, class Row>
@@ -219,48 +255,44 @@ private:
     {
         using Nodes = Stencil<Kernel, Real, d>;
         Nodes const nodes(offset);
-        Gathered<Real, d> sum;
-        sum.velocity.setZero();
-        sum.old_velocity.setZero();
-        sum.affine.setZero();
-        sum.gradient.setZero();
-
+        NodeSum<Real> all, of_plane, of_row;
         FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
-            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
             FIRN_UNROLL
             for (int k = 0; k < Nodes::width; ++k) {
-                Real const w = nodes.weight[Nodes::last][std::size_t(k)];
-                Real const w_distance = w * nodes.distance[Nodes::last][std::size_t(k)],
-                           dw = nodes.derivative[Nodes::last][std::size_t(k)];
+                NodeSum<Real> node;
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Values::velocity + a, row, k);
-                    plain[a] += v * w;
-                    if constexpr (terms.affine) reach[a] += v * w_distance;
-                    if constexpr (terms.gradient) slope[a] += v * dw;
+                    node.value[a] = row_of_cells.node(Values::velocity + a, row, k);
                     if constexpr (Transfer::keeps_old_velocity)
-                        old[a] += row_of_cells.node(Values::old_velocity + a, row, k) * w;
+                        node.old[a] = row_of_cells.node(Values::old_velocity + a, row, k);
                 }
+                add_along<Real>(nodes, Nodes::last, k, node, of_row);
             }
-            Real const w_row = nodes.row_weight(row);
-            sum.velocity += plain * w_row;
-            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
-            FIRN_UNROLL
-            for (int a = 0; a < Nodes::last; ++a) {
-                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
-                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
+            if constexpr (d == 2)
+                add_along<Real>(nodes, 0, row, of_row, all);
+            else {
+                int const j = Nodes::index(row, 1);
+                add_along<Real>(nodes, 1, j, of_row, of_plane);
+                if (j + 1 == Nodes::width) add_along<Real>(nodes, 0, Nodes::index(row, 0), of_plane, all);
             }
-            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
-            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
         }
+        Gathered<Real, d> sum;
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
-            sum.velocity[a] += row_of_cells.reference(Values::velocity + a);
+            sum.velocity[a] = all.value[a] + row_of_cells.reference(Values::velocity + a);
+            sum.old_velocity[a] = Real(0);
             if constexpr (Transfer::keeps_old_velocity)
-                sum.old_velocity[a] += row_of_cells.reference(Values::old_velocity + a);
+                sum.old_velocity[a] = all.old[a] + row_of_cells.reference(Values::old_velocity + a);
+            FIRN_UNROLL
+            for (int b = 0; b < d; ++b) {
+                sum.affine(a, b) = sum.gradient(a, b) = Real(0);
+                if constexpr (terms.affine)
+                    sum.affine(a, b) =
+                        (all.moment(a, b) - all.value[a] * offset[b]) * Real(Number(Kernel::inverse_inertia));
+                if constexpr (terms.gradient) sum.gradient(a, b) = all.slope(a, b);
+            }
         }
-        if constexpr (terms.affine) sum.affine *= Real(Number(Kernel::inverse_inertia));
         return sum;
     }
 };
