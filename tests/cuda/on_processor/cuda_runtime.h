@@ -549,6 +549,11 @@ T __shfl_down_sync(std::uint32_t mask, T value, unsigned by)
 
 inline int __popc(std::uint32_t value) { return __builtin_popcount(value); }
 inline int __ffs(int value) { return __builtin_ffs(value); }
+/// The 32 bits from a place in two words on.
+inline unsigned __funnelshift_r(unsigned low, unsigned high, unsigned place)
+{
+    return static_cast<unsigned>((std::uint64_t(high) << 32 | low) >> (place % 32));
+}
 template <class T>
 T __ldcg(T const* from)
 {
@@ -562,6 +567,13 @@ T __ldg(T const* from)
 inline void __threadfence() {}
 
 // Fibers yield at a barrier only.
+template <class T>
+T atomicOr(T* to, std::type_identity_t<T> value)
+{
+    T const before = *to;
+    *to = before | value;
+    return before;
+}
 template <class T>
 T atomicAdd(T* to, std::type_identity_t<T> value)
 {

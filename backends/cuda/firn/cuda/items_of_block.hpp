@@ -9,7 +9,6 @@
 #include <firn/cuda/teams.hpp>
 
 #include <algorithm>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -62,7 +61,9 @@ struct ShapeOfItems
     {
         return SharedTiles<GridType>::bytes(gathers, false) +
                aligned((Shape::cells + 1) * sizeof(std::uint32_t)) + aligned(items) +
-               (moves ? aligned(items * sizeof(std::uint32_t)) : 0);
+               (moves ? aligned(items * sizeof(std::uint32_t)) +
+                            aligned((items / 32 + 1) * sizeof(std::uint32_t))
+                      : 0);
     }
 
     /// The channels of what an item scatters.
@@ -89,6 +90,7 @@ struct ShapeOfItems
     static constexpr std::size_t begins = SharedTiles<GridType>::bytes(gathers, false);
     static constexpr std::size_t places = begins + aligned((Shape::cells + 1) * sizeof(std::uint32_t));
     static constexpr std::size_t leavers = places + aligned(room);
+    static constexpr std::size_t left = leavers + aligned(room * sizeof(std::uint32_t));
     static constexpr std::size_t contributions = before_contributions(room);
     /// Whether there is room for a tile of each warp's sums, or for one tile to which they add in turn.
     static constexpr bool has_tiles_of_warps =
@@ -200,12 +202,11 @@ public:
         }
     }
 
-    /// Notes in a list of the chunk that an item leaves its cell: its new cell scatters it. Returns the place
-    /// of its old one.
+    /// Notes in a list of the chunk, and by a bit, that an item leaves its cell: its new cell scatters it.
+    /// Returns the place of its old one.
     __device__ std::uint32_t note_leaver(Item const& item, std::uint32_t i, std::uint32_t& count) const
     {
-        Number& offset = contributions()[padded(i)];
-        offset = std::bit_cast<Number>(std::bit_cast<Bits>(offset) | mark);
+        atomicOr(left() + i / 32, 1u << i % 32);
         leavers()[atomicAdd(&count, 1u)] = i | item.way() << 16;
         return places()[i];
     }
@@ -222,13 +223,9 @@ public:
             int const channel = int(n % of_each) * Some::count;
             Some some;
 #pragma unroll
-            for (int c = 0; c < Some::count; ++c) { // what fills up the last vector is any number
-                Number number =
+            for (int c = 0; c < Some::count; ++c) // what fills up the last vector is any number
+                some.of[c] =
                     contributions()[std::min(channel + c, In::channels - 1) * In::stride + padded(i)];
-                if (c == 0 && channel == 0)
-                    number = std::bit_cast<Number>(std::bit_cast<Bits>(number) & ~mark);
-                some.of[c] = number;
-            }
             if (first + k < to.most) contribution[n] = some;
         }
         for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += threads()) {
@@ -252,25 +249,23 @@ public:
                             place = threadIdx.x % block_threads;
         auto const [begin, end] = in_chunk(place);
         SumsOfLayer sums{};
-        std::uint32_t i = begin + team;
-        auto const frame = Scatter::frame_of(Row{contributions() + padded(i < end ? i : 0)});
-        for (; i < end; i += teams()) {
-            Row const row{contributions() + padded(i)};
-            if (In::moves && abs(row.scratch(0)) >= 2) continue; // it has left
-            Scatter::scatter_layer(row, static_cast<int>(layer), frame, sums);
-        }
-        if (begin + team < end) Scatter::leave_frame(frame, sums);
+        auto const frame = Scatter::frame_of(Row{contributions() + padded(begin < end ? begin : 0)});
+        [[maybe_unused]] std::uint32_t rank = 0;
+        for (std::uint32_t first = begin; first < end; first += 32)
+            for (std::uint32_t rest = that_stay(first, end); rest != 0; rest &= rest - 1) {
+                if constexpr (most > 1)
+                    if (rank++ % teams() != team) continue;
+                std::uint32_t const i = first + static_cast<std::uint32_t>(__ffs(static_cast<int>(rest)) - 1);
+                Scatter::scatter_layer(Row{contributions() + padded(i)}, static_cast<int>(layer), frame,
+                                       sums);
+            }
+        if (begin < end) Scatter::leave_frame(frame, sums);
         __syncthreads();
         meanwhile();
         add_up(sums, layer, place, to, afresh);
     }
 
 private:
-    /// The highest bit of the exponent marks the first offset of an item that has left: those without it are
-    /// below 2, and an offset is half a cell at most.
-    using Bits = std::conditional_t<sizeof(Number) == 4, std::uint32_t, std::uint64_t>;
-    static constexpr Bits mark = Bits(1) << (8 * sizeof(Number) - 2);
-
     __device__ std::uint32_t* begins() const
     {
         return reinterpret_cast<std::uint32_t*>(shared_memory() + In::begins);
@@ -280,6 +275,23 @@ private:
     __device__ std::uint32_t* leavers() const
     {
         return reinterpret_cast<std::uint32_t*>(shared_memory() + In::leavers);
+    }
+    /// A bit per item of the chunk: whether it has left. One word more than these take.
+    __device__ std::uint32_t* left() const
+    {
+        return reinterpret_cast<std::uint32_t*>(shared_memory() + In::left);
+    }
+    /// Of the items [first, end) of the chunk, the first 32 at most: a bit for each that stays in its cell.
+    /// So no thread of a warp waits for those of other cells that have left.
+    __device__ std::uint32_t that_stay(std::uint32_t first, std::uint32_t end) const
+    {
+        std::uint32_t const all = end - first < 32 ? (1u << (end - first)) - 1 : ~0u;
+        if constexpr (In::moves) {
+            std::uint32_t const* const words = left() + first / 32;
+            return all & ~__funnelshift_r(words[0], words[1], first % 32);
+        }
+        else
+            return all;
     }
     __device__ Number* contributions() const
     {
@@ -375,6 +387,10 @@ private:
     __device__ void mark_places() const
     {
         std::uint32_t const place = threadIdx.x;
+        if constexpr (In::moves) {
+            static_assert(In::room / 32 < In::team_threads, "each thread clears one word at most");
+            if (threadIdx.x <= In::room / 32) left()[threadIdx.x] = 0;
+        }
         if (place >= Shape::cells) return;
         auto const [begin, end] = in_chunk(place);
         for (std::uint32_t i = begin; i < end; ++i) places()[i] = static_cast<unsigned char>(place);
