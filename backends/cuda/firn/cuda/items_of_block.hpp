@@ -63,7 +63,8 @@ struct ShapeOfItems
                aligned((Shape::cells + 1) * sizeof(std::uint32_t)) + aligned(items) +
                (moves ? aligned(items * sizeof(std::uint32_t)) +
                             aligned((items / 32 + 1) * sizeof(std::uint32_t))
-                      : 0);
+                      : 0) +
+               (scatters ? aligned(Shape::cells + Shape::groups * sizeof(std::uint32_t)) : 0);
     }
 
     /// The channels of what an item scatters.
@@ -71,19 +72,22 @@ struct ShapeOfItems
         if constexpr (scatters) return int(Phase::Scatter::scratch_channels);
         return 0;
     }();
-    /// What a list has of each leaver.
-    static constexpr int channels_of_leaver = in_whole_vectors<Number>(channels);
+    /// The same in whole vectors: what lies in shared memory, and in a list of leavers.
+    static constexpr int stored_channels = in_whole_vectors<Number>(channels);
+    static constexpr std::uint32_t padding = 8; ///< a place is left free behind so many items
     /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
     /// crowded; fewer where they scatter much.
     static constexpr std::uint32_t room = [] {
         std::uint32_t most = d == 3 ? 640 : 384;
-        auto const bytes = [](std::size_t items) { return (items + items / 32) * channels * sizeof(Number); };
+        auto const bytes = [](std::size_t items) {
+            return (items + items / padding) * stored_channels * sizeof(Number);
+        };
         while (most > 64 &&
                (bytes(most) > 43 * 1024 || before_contributions(most) + bytes(most) > most_shared))
             most -= 64;
         return most;
     }();
-    static constexpr int stride = int(room + room / 32);
+    static constexpr int stride = int(room + room / padding);
     static constexpr int layer_nodes = Shape::group_extent * Tile::plane; ///< under one group of cells
 
     // Where what lies in shared memory begins [bytes].
@@ -92,14 +96,29 @@ struct ShapeOfItems
     static constexpr std::size_t leavers = places + aligned(room);
     static constexpr std::size_t left = leavers + aligned(room * sizeof(std::uint32_t));
     static constexpr std::size_t contributions = before_contributions(room);
+    static constexpr std::size_t by_count =
+        contributions - aligned(Shape::cells + Shape::groups * sizeof(std::uint32_t));
+    static constexpr bool has_room_for_tiles(int nodes)
+    {
+        return contributions + most_teams * layers * Shape::groups * unsigned(nodes) * sizeof(Sums) <=
+               most_shared;
+    }
+    /// Whether, if there is one team, one of the two warps of a layer works on the cells with more items than
+    /// the mean, so that the other has no need to wait for these: its tile of sums is one of all cells, if
+    /// there is room.
+    static constexpr bool divides_by_count = scatters && has_room_for_tiles(Shape::groups * layer_nodes);
     /// Whether there is room for a tile of each warp's sums, or for one tile to which they add in turn.
-    static constexpr bool has_tiles_of_warps =
-        contributions + most_teams * layers * Shape::groups * layer_nodes * sizeof(Sums) <= most_shared;
+    static constexpr bool has_tiles_of_warps = divides_by_count || has_room_for_tiles(layer_nodes);
+    static constexpr int nodes_of_warp(unsigned teams)
+    {
+        return (divides_by_count && teams == 1 ? Shape::groups : 1) * layer_nodes;
+    }
     static constexpr std::size_t tiles(unsigned teams)
     {
         if (!scatters) return 0;
-        return sizeof(Sums) *
-               (has_tiles_of_warps ? teams * layers * Shape::groups * layer_nodes : Tile::nodes);
+        return sizeof(Sums) * (has_tiles_of_warps
+                                   ? teams * layers * Shape::groups * unsigned(nodes_of_warp(teams))
+                                   : Tile::nodes);
     }
     /// Whether threads leave their results in shared memory: unless they are many words, as those of several
     /// obstacles are.
@@ -108,7 +127,7 @@ struct ShapeOfItems
     static constexpr std::size_t bytes(unsigned teams = 1)
     {
         return contributions +
-               std::max({std::size_t(channels * stride) * sizeof(Number), tiles(teams),
+               std::max({std::size_t(stored_channels * stride) * sizeof(Number), tiles(teams),
                          leaves_results ? teams * team_threads * sizeof(typename Phase::Result) : 0});
     }
 
@@ -153,6 +172,7 @@ public:
 
     /// Known to the compiler in a loop for one team.
     __device__ static unsigned teams() { return most == 1 ? 1 : blockDim.x / In::team_threads; }
+    __device__ static bool divides() { return In::divides_by_count && teams() == 1; }
     __device__ static unsigned threads() { return most == 1 ? In::team_threads : blockDim.x; }
 
     __device__ std::uint32_t size() const { return end_ - first_; }
@@ -176,6 +196,7 @@ public:
             std::uint32_t i = threadIdx.x, source = source_;
             if (chunk != first_ && i < count_) source = cells_.order[chunk + i];
             __syncthreads();
+            if (divides()) divide_by_count();
             for (; i < count_; i += threads()) {
                 std::uint32_t const from = source;
                 if (i + threads() < count_) source = cells_.order[chunk + i + threads()];
@@ -193,12 +214,16 @@ public:
     __device__ void store(Item const& item, std::uint32_t i) const
     {
 #pragma unroll
-        for (int c = 0; c < In::channels; ++c) {
-            Number& to = contributions()[c * In::stride + padded(i)];
-            if constexpr (In::moves)
-                to = c < d ? item.offset_in_cell(c) : item.scratch(c);
-            else
-                to = item.scratch(c);
+        for (int v = 0; v < In::stored_channels / Some::count; ++v) {
+            Some some;
+#pragma unroll
+            for (int k = 0; k < Some::count; ++k) {
+                int const c = v * Some::count + k;
+                some.of[k] = c >= In::channels    ? Number(0)
+                             : In::moves && c < d ? item.offset_in_cell(std::min(c, d - 1))
+                                                  : item.scratch(std::min(c, In::channels - 1));
+            }
+            contributions()[v * In::stride + padded(i)] = some;
         }
     }
 
@@ -215,18 +240,12 @@ public:
     __device__ void write_leavers(Leavers<Number> const& to, Destinations<d> const& where,
                                   std::uint32_t block, std::uint32_t first, std::uint32_t count) const
     {
-        using Some = NumbersAtOnce<Number>;
-        constexpr std::uint32_t of_each = In::channels_of_leaver / Some::count;
+        constexpr std::uint32_t of_each = In::stored_channels / Some::count;
         auto* const contribution = reinterpret_cast<Some*>(to.contribution) + std::size_t(first) * of_each;
         for (std::uint32_t n = threadIdx.x; n < count * of_each; n += threads()) {
             std::uint32_t const k = n / of_each, i = leavers()[k] & 0xffffu;
-            int const channel = int(n % of_each) * Some::count;
-            Some some;
-#pragma unroll
-            for (int c = 0; c < Some::count; ++c) // what fills up the last vector is any number
-                some.of[c] =
-                    contributions()[std::min(channel + c, In::channels - 1) * In::stride + padded(i)];
-            if (first + k < to.most) contribution[n] = some;
+            if (first + k < to.most)
+                contribution[n] = contributions()[int(n % of_each) * In::stride + padded(i)];
         }
         for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += threads()) {
             std::uint32_t const leaver = leavers()[k], i = leaver & 0xffffu, way = leaver >> 16,
@@ -246,20 +265,26 @@ public:
         using Scatter = typename Phase::Scatter;
         std::uint32_t const team = most == 1 ? 0 : threadIdx.x / In::team_threads,
                             layer = threadIdx.x % In::team_threads / block_threads,
-                            place = threadIdx.x % block_threads;
+                            nth = threadIdx.x % block_threads;
+        std::uint32_t const place = divides() ? by_count()[nth] : nth;
         auto const [begin, end] = in_chunk(place);
         SumsOfLayer sums{};
-        auto const frame = Scatter::frame_of(Row{contributions() + padded(begin < end ? begin : 0)});
-        [[maybe_unused]] std::uint32_t rank = 0;
-        for (std::uint32_t first = begin; first < end; first += 32)
-            for (std::uint32_t rest = that_stay(first, end); rest != 0; rest &= rest - 1) {
-                if constexpr (most > 1)
-                    if (rank++ % teams() != team) continue;
-                std::uint32_t const i = first + static_cast<std::uint32_t>(__ffs(static_cast<int>(rest)) - 1);
-                Scatter::scatter_layer(Row{contributions() + padded(i)}, static_cast<int>(layer), frame,
-                                       sums);
-            }
-        if (begin < end) Scatter::leave_frame(frame, sums);
+        auto const use = [&](auto const& frame, std::uint32_t i) {
+            Scatter::scatter_layer(Row(contributions() + padded(i)), static_cast<int>(layer), frame, sums);
+        };
+        auto const frame =
+            Scatter::frame_of(Row(contributions() + padded(begin + team < end ? begin + team : 0)));
+        [[maybe_unused]] std::uint32_t k = team;
+        for (std::uint32_t first = begin; first < end; first += 32, k -= 32) {
+            std::uint32_t stay = that_stay(first, end);
+            if constexpr (most == 1)
+                for (; stay != 0; stay &= stay - 1)
+                    use(frame, first + static_cast<std::uint32_t>(__ffs(static_cast<int>(stay)) - 1));
+            else
+                for (; k < std::min(end - first, 32u); k += teams())
+                    if ((stay >> k & 1) != 0) use(frame, first + k);
+        }
+        if (begin + team < end) Scatter::leave_frame(frame, sums);
         __syncthreads();
         meanwhile();
         add_up(sums, layer, place, to, afresh);
@@ -293,9 +318,10 @@ private:
         else
             return all;
     }
-    __device__ Number* contributions() const
+    using Some = NumbersAtOnce<Number>;
+    __device__ Some* contributions() const
     {
-        return reinterpret_cast<Number*>(shared_memory() + In::contributions);
+        return reinterpret_cast<Some*>(shared_memory() + In::contributions);
     }
     /// Where the items of a cell begin and end in the chunk.
     struct Range
@@ -304,18 +330,30 @@ private:
     };
     __device__ Range in_chunk(std::uint32_t place) const
     {
-        return {std::max(begins()[place], chunk_) - chunk_,
-                std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_)};
+        auto const in = [&](std::uint32_t begin) {
+            return std::min(std::max(begin, chunk_) - chunk_, count_);
+        };
+        return {in(begins()[place]), in(begins()[place + 1])};
     }
     /// Places in an array where neighbouring cells begin in different banks.
-    __device__ static std::uint32_t padded(std::uint32_t i) { return i + i / 32; }
+    __device__ static std::uint32_t padded(std::uint32_t i) { return i + i / In::padding; }
 
     /// What an item scatters, as a phase sees it.
     struct Row
     {
         using Real = Number;
-        Number const* first;
-        __device__ Number scratch(int channel) const { return first[channel * In::stride]; }
+        Number of[In::stored_channels];
+
+        __device__ explicit Row(Some const* first)
+        {
+#pragma unroll
+            for (int v = 0; v < In::stored_channels / Some::count; ++v) {
+                Some const some = first[v * In::stride];
+#pragma unroll
+                for (int k = 0; k < Some::count; ++k) of[v * Some::count + k] = some.of[k];
+            }
+        }
+        __device__ Number scratch(int channel) const { return of[channel]; }
     };
 
     /// The sums of one cell and one layer of its stencil.
@@ -334,10 +372,11 @@ private:
         Coordinates<d> cell = Shape::cell(static_cast<int>(place));
         int const warp = int(threadIdx.x / 32);
         if constexpr (In::has_tiles_of_warps) {
-            Sums* const own = tiles + warp * In::layer_nodes;
-            for (int n = int(threadIdx.x % 32); n < In::layer_nodes; n += 32) own[n] = Sums{};
+            int const nodes = In::nodes_of_warp(teams());
+            Sums* const own = tiles + warp * nodes;
+            for (int n = int(threadIdx.x % 32); n < nodes; n += 32) own[n] = Sums{};
             __syncwarp();
-            cell[0] %= Shape::group_extent;
+            if (!divides()) cell[0] %= Shape::group_extent;
             add(sums, own + Tile::at(cell));
         }
         else {
@@ -352,13 +391,18 @@ private:
             Sums sum{};
             if (!afresh) sum = to[n];
             if constexpr (In::has_tiles_of_warps) {
-                constexpr int planes = Shape::groups * In::layer_nodes; // both groups' lie side by side
+                // Those of a layer lie side by side: one of each group, or two of both.
+                constexpr int planes = Shape::groups * In::layer_nodes;
+                int const of_layer = divides() ? Shape::groups : 1;
                 for (unsigned t = 0; t < teams(); ++t)
 #pragma unroll
                     for (int l = 0; l < int(In::layers); ++l)
                         if (int const at = n - l * Tile::plane; at >= 0 && at < planes)
-                            SharedTiles<GridType>::plus(sum,
-                                                        tiles[(int(t) * int(In::layers) + l) * planes + at]);
+#pragma unroll
+                            for (int k = 0; k < of_layer; ++k)
+                                SharedTiles<GridType>::plus(
+                                    sum,
+                                    tiles[((int(t) * int(In::layers) + l) * of_layer + k) * planes + at]);
             }
             else
                 SharedTiles<GridType>::plus(sum, tiles[n]);
@@ -394,6 +438,34 @@ private:
         if (place >= Shape::cells) return;
         auto const [begin, end] = in_chunk(place);
         for (std::uint32_t i = begin; i < end; ++i) places()[i] = static_cast<unsigned char>(place);
+        if (divides()) {
+            std::uint32_t const full = __ballot_sync(~0u, (end - begin) * Shape::cells > count_);
+            if (place % 32 == 0) full_cells()[place / 32] = full;
+        }
+    }
+
+    /// Cells in an order in which those with more items than the mean come first.
+    __device__ unsigned char* by_count() const { return shared_memory() + In::by_count; }
+    /// A bit per cell: whether it has more items than the mean.
+    __device__ std::uint32_t* full_cells() const
+    {
+        return reinterpret_cast<std::uint32_t*>(shared_memory() + In::by_count + Shape::cells);
+    }
+    /// Finds that order, once it is known which cells have more.
+    __device__ void divide_by_count() const
+    {
+        static_assert(Shape::cells == 64, "there is a bit for each cell");
+        std::uint32_t const place = threadIdx.x;
+        if (place >= Shape::cells) return;
+        std::uint64_t const full = std::uint64_t(full_cells()[1]) << 32 | full_cells()[0],
+                            before = full & ((std::uint64_t(1) << place) - 1);
+        auto const count = [](std::uint64_t bits) {
+            return static_cast<std::uint32_t>(__popc(std::uint32_t(bits)) +
+                                              __popc(std::uint32_t(bits >> 32)));
+        };
+        std::uint32_t const fuller = count(before);
+        by_count()[(full >> place & 1) != 0 ? fuller : count(full) + place - fuller] =
+            static_cast<unsigned char>(place);
     }
 
     typename Order::View const& cells_;

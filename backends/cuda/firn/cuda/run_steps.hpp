@@ -28,7 +28,7 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
     if (layer.blocks() == 0) return {};
     using Items = ShapeOfItems<LayerType, Phase>;
     auto const signal = cells.signal();
-    auto const leavers = cells.expect_outgoing(Items::channels_of_leaver);
+    auto const leavers = cells.expect_outgoing(Items::stored_channels);
     unsigned const teams = Items::teams(layer.blocks());
     auto const results = layer.item_results().template expect<Result>(layer.blocks());
     auto* const loop = [&] {
