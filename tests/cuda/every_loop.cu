@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <random>
+
 using namespace firn;
 using namespace firn::test;
 
@@ -66,4 +68,28 @@ TEST_CASE("a few steps of so many blocks that no loop follows a step before it e
     CHECK(gone > 0);
     CHECK(solver.size() == points.size() - gone);
     solver.steps(2, 2e-4);
+}
+
+TEST_CASE("crowded blocks lose no momentum, nor does what moves between them", "[many_blocks]")
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));
+    std::vector<Vector<double, 3>> points; // more than a thousand blocks, of which a few have hundreds each
+    for (int i = 0; i < 1100; ++i)
+        points.push_back(0.8 * Vector<double, 3>(i % 11, i / 11 % 10, i / 110) +
+                         Vector<double, 3>::Constant(0.2));
+    std::mt19937 random(5);
+    auto const unit = [&] { return double(random()) * 0x1p-32; };
+    for (int i = 0; i < 3000; ++i) // some of their cells are fuller by far than others
+        points.push_back({0.7 * unit() * unit(), 0.35 * unit(), 0.7 * unit() * unit()});
+    solver.add(points, 1e-6);
+    std::vector<Vector<float, 3>> velocities;
+    Vector<double, 3> before = Vector<double, 3>::Zero(), after = before;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        velocities.push_back(100 * Vector<double, 3>(unit() - 0.3, unit() - 0.4, unit()).cast<float>());
+        before += velocities.back().cast<double>();
+    }
+    solver.upload<Velocity>(velocities);
+    solver.steps(4, 2e-4);
+    for (auto const& v : solver.download<Velocity>()) after += v.cast<double>();
+    CHECK((after - before).norm() < 2e-6 * before.norm());
 }
