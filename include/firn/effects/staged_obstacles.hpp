@@ -282,8 +282,9 @@ private:
     /// Lanes are a row along the last axis; images in a wall lie up to 2 cells beside it.
     static Room room_for_nodes()
     {
-        if constexpr (acts_at_surface(acts_on)) // a node's points, and what else is near these
-            return {3, 4, lanes - 1 + 2, 2};
+        // a node's points, and what else is near these; lanes of particles look there, too
+        if constexpr (acts_at_surface(acts_on))
+            return {lanes > 1 ? 3 + 7 : 3, 4, lanes - 1 + 2, 2};
         else
             return {0, 1, lanes - 1 + 2, 2};
     }

@@ -10,6 +10,7 @@
 #include <firn/transfer/node_fields.hpp>
 
 #include <cstddef>
+#include <cstdint>
 #include <type_traits>
 
 namespace firn
@@ -118,14 +119,23 @@ struct GatherShifts
     }
 
 private:
-    /// Lane by lane, since a lane looks up the obstacles near it by its own cell.
+    /// Lanes that are near a solid are kept out of it, one by one: each looks up the obstacles near its own
+    /// cell.
     template <class Real, class Items>
     FIRN_HOST_DEVICE void keep_out(Items const& items, Real bound, Vector<Real, d>& shift) const
     {
         constexpr int width = lane_width<Real>;
         constexpr Number to_node = Number(0.5 - cell_shift(Kernel::degree));
+        KeepOutOfSolids<Number, d, Effects> const solids{now};
         Number const cell = static_cast<Number>(lattice.cell_size);
         Vector<Real, d> const x = position_of<Real>(items), along = items.along();
+        Vector<Real, d> where = x + along;
+        for (int a = 0; a < d; ++a) where[a] += Real(to_node);
+        std::uint64_t const near =
+            bits(items.here() &
+                 solids.template are_near<Real>({lattice, items.first(), where, kernel_reach(Kernel::degree)},
+                                                Vector<Real, d>(shift * Real(cell))));
+        if (near == 0) return;
         Number offsets[std::size_t(d)][std::size_t(width)], cells[std::size_t(d)][std::size_t(width)],
             ways[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) {
@@ -133,7 +143,7 @@ private:
             LaneTraits<Real>::store(along[a], cells[a]);
             LaneTraits<Real>::store(shift[a], ways[a]);
         }
-        for_each_lane<width>(bits(items.here()), [&](int lane) {
+        for_each_lane<width>(near, [&](int lane) {
             LanePosition<Number, d> place{lattice, items.first(), zeros<Vector<Number, d>>(),
                                           kernel_reach(Kernel::degree)};
             Vector<Number, d> way;
@@ -142,7 +152,7 @@ private:
                 place.offset[a] = offsets[a][lane] + to_node;
                 way[a] = ways[a][lane] * cell;
             }
-            way = KeepOutOfSolids<Number, d, Effects>{now}(place, way);
+            way = solids(place, way);
             for (int a = 0; a < d; ++a) ways[a][lane] = way[a] / cell;
         });
         for (int a = 0; a < d; ++a) shift[a] = min(max(LaneTraits<Real>::load(ways[a]), -bound), bound);

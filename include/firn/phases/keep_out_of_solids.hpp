@@ -24,6 +24,21 @@ struct KeepOutOfSolids
 {
     StepContext<Number, Effects> const* now;
 
+    /// Whether lanes may be in a solid at the end of their ways [m].
+    template <Lane Real>
+    FIRN_HOST_DEVICE Mask<Real> are_near(LanePosition<Real, d> const& place,
+                                         Vector<Real, d> const& ways) const
+    {
+        Real const cell(static_cast<Number>(place.lattice.cell_size));
+        Mask<Real> near = Real(1) < Real(0);
+        for_each_solid_at_surface(now->actions, place, cell, [&](std::uint32_t, auto const& solid) {
+            if (!solid.on_particles)
+                near =
+                    near | (solid.template surface_at<Real>(place, ways).distance < cell * Real(moves_less));
+        });
+        return near;
+    }
+
     /// `way` [m] as it is to be, from a place at the beginning of the step.
     FIRN_HOST_DEVICE Vector<Number, d> operator()(LanePosition<Number, d> const& place,
                                                   Vector<Number, d> way) const
@@ -41,7 +56,8 @@ struct KeepOutOfSolids
 
 private:
     using At = SurfaceAt<Number, d>;
-    static constexpr Number deepest = Number(0.5), little = Number(0.02); ///< [cells]
+    /// In cells; a solid's surface moves by less than `moves_less` in a step.
+    static constexpr Number deepest = Number(0.5), little = Number(0.02), moves_less = Number(0.5);
 
     template <class Use>
     FIRN_HOST_DEVICE void for_each_solid(LanePosition<Number, d> const& place, Use const& use) const
@@ -57,6 +73,7 @@ private:
     {
         Number const cell = static_cast<Number>(place.lattice.cell_size);
         At at = solid.template surface_at<Number>(place, way);
+        if (!(at.distance < moves_less * cell)) return false;
         // the solid goes on in the step, and the particle with it
         Vector<Number, d> const end = way + solid.template velocity_at<Number>(at.arm) * now->dt;
         at = solid.template surface_at<Number>(place, end);
