@@ -4,11 +4,13 @@
 // Prints figures, one to a line, which results.py reads: tanks at rest for 2 s in the plane, by their place
 // on the cells and the size of these; the lift of a disk, and of a ball in space, over that of Archimedes;
 // how far disks float off his depth, in their size; the particles that leave a tank, and hoppers of water
-// and of sand. With `fine`, cells of half the size, larger disks, and hoppers in space, too: some minutes.
-// With `finest`, a ball of twelve cells alone, in 1.7 million particles: half a minute of a GPU, or an hour.
+// and of sand; and the error of a standing wave between walls. With `fine`, cells of half the size, larger
+// disks, and hoppers in space, too: some minutes. With `finest`, a ball of twelve cells alone, in 1.7 million
+// particles: half a minute of a GPU, or an hour.
 #include "on_each_backend.hpp"
 #include "problems/floating.hpp"
 #include "problems/hopper.hpp"
+#include "problems/standing_wave.hpp"
 #include "tank.hpp"
 
 #include <algorithm>
@@ -234,6 +236,20 @@ void hoppers(std::string const& where, test::HopperSetting setting, double durat
     }
 }
 
+/// The error of a standing wave between walls, over its amplitude, and by which power of the cell size it
+/// falls.
+void standing_wave(std::string const& where, double offset)
+{
+    using Bar = test::Scene<NeoHookean<bench::Plane>, QuadraticBSpline, Mls>;
+    double const coarse = test::error_of_standing_wave<Bar>(16, test::Ends::at_surface, offset),
+                 medium = test::error_of_standing_wave<Bar>(32, test::Ends::at_surface, offset),
+                 fine = test::error_of_standing_wave<Bar>(64, test::Ends::at_surface, offset);
+    std::string const entry = "standing_wave/" + where + '/';
+    figure(entry + "64_cells", 100 * fine, "%");
+    figure(entry + "order_from_16_to_32", std::log2(coarse / medium), "1");
+    figure(entry + "order_from_32_to_64", std::log2(medium / fine), "1");
+}
+
 void leaks()
 {
     Tank tank({.degrees = 17, .h = 0.0031}); // some 1e5 particles
@@ -273,6 +289,9 @@ int main(int argc, char** argv)
     }
     for (auto const& place : places) floating(place);
     leaks();
+    standing_wave("on_nodes", 0);
+    standing_wave("3_tenths_off", 0.3);
+    standing_wave("half_a_cell_off", 0.5);
     hoppers<bench::Plane>("plane", {.h = 0.01}, 0.5); // of twice the cells of the test, for some 3 000 steps
     if (is_fine) hoppers<Space<3, float>>("space", {.height = 0.3, .offset = {0.3, 0.21, 0.4}}, 0.6);
 }
