@@ -44,23 +44,30 @@ FIRN_INLINE_WHOLE void for_each_tile(LayerType const& layer,
 }
 
 /// Adds up, for one row of a node block, some channels of the tiles of a layer that cover it; sets `any` if
-/// one does.
-template <class LayerType, int channels, class Number>
+/// one does. By packs: compilers do not know that tiles and sums lie apart.
+template <class Lane, class LayerType, int channels, class Number = ScalarOf<Lane>>
 void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
              Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any,
              int first_channel = 0)
 {
     using Shape = typename LayerType::Shape;
-    constexpr int degree = LayerType::row_length - Shape::along;
+    constexpr int degree = LayerType::row_length - Shape::along, lanes = lane_width<Lane>;
     for_each_tile(layer, covered_by, row, [&](std::size_t b, int tile_row, bool covers_begin) {
         if (!any)
-            for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
+            for (auto& channel : sums)
+                for (int k = 0; k < Shape::along; k += lanes)
+                    LaneTraits<Lane>::store(Lane(Number(0)), channel + k);
         any = true;
         for (int c = 0; c < channels; ++c) {
             Number const* const from = layer.tile(b) + (first_channel + c) * LayerType::tile_channel +
                                        tile_row * LayerType::row_length;
             if (!covers_begin)
-                for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
+                for (int k = 0; k < Shape::along; k += lanes)
+                    LaneTraits<Lane>::store(
+                        LaneTraits<Lane>::load(sums[c] + k) + LaneTraits<Lane>::load(from + k), sums[c] + k);
+            else if constexpr (lanes >= degree && lanes > 1)
+                LaneTraits<Lane>::store(
+                    LaneTraits<Lane>::load(sums[c]) + Lane::load_first(degree, from + Shape::along), sums[c]);
             else
                 for (int k = 0; k < degree; ++k) sums[c][k] += from[Shape::along + k];
         }
@@ -68,14 +75,14 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
 }
 
 /// The same for all layers; false if no tile covers the row.
-template <class GridType, int channels, class Number>
+template <class Lane, class GridType, int channels, class Number = ScalarOf<Lane>>
 bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
              Number (&sums)[std::size_t(channels)][std::size_t(GridType::Shape::along)])
 {
     bool any = false;
     for (int l = 0; l < GridType::layers; ++l)
-        add_row<typename GridType::Layer, channels>(grid.layer(std::size_t(l)),
-                                                    node.covered_by[std::size_t(l)], row, sums, any);
+        add_row<Lane, typename GridType::Layer, channels>(grid.layer(std::size_t(l)),
+                                                          node.covered_by[std::size_t(l)], row, sums, any);
     return any;
 }
 
@@ -131,8 +138,8 @@ public:
     {
         auto const& covered_by = grid.nodes()[block].covered_by;
         for (std::size_t l = 0; l < layers; ++l)
-            detail::add_row<typename GridType::Layer, channels>(grid.layer(l), covered_by[l], row, sums_[l],
-                                                                has_[l]);
+            detail::add_row<Lane, typename GridType::Layer, channels>(grid.layer(l), covered_by[l], row,
+                                                                      sums_[l], has_[l]);
     }
     /// Goes to the nodes at `place` in the row.
     void enter(int place) { place_ = place; }
@@ -190,7 +197,7 @@ private:
         Number sums[1][std::size_t(Shape::along)];
         bool any = false;
         if (int const n = grid_.find(block); n != GridType::absent)
-            detail::add_row<typename GridType::Layer, 1>(
+            detail::add_row<Lane, typename GridType::Layer, 1>(
                 grid_.layer(layer), grid_.nodes()[std::size_t(n)].covered_by[layer], row, sums, any, channel);
         for (int k = 0; k < Shape::along; ++k) found.sums[k + 1] = any ? sums[0][k] : Number(0);
         auto const at_end = [&](int along) {
@@ -274,7 +281,7 @@ private:
         int const n = block == grid_.nodes()[std::size_t(block_)].coordinates ? block_ : grid_.find(block);
         if (n == block_ && row == row_) return sums_;
         if (n == GridType::absent ||
-            !detail::sum_row<GridType, channels>(grid_, grid_.nodes()[std::size_t(n)], row, other))
+            !detail::sum_row<Lane, GridType, channels>(grid_, grid_.nodes()[std::size_t(n)], row, other))
             for (auto& channel : other) std::fill(channel, channel + Shape::along, Number(0));
         return &other[0][0];
     }

@@ -42,7 +42,7 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
     for (std::uint64_t rows = covered_rows(grid, block); rows != 0; rows &= rows - 1) {
         int const row = std::countr_zero(rows);
-        if constexpr (adds_up) sum_row<GridType, channels>(grid, block, row, sums);
+        if constexpr (adds_up) sum_row<Lane, GridType, channels>(grid, block, row, sums);
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
             auto* const values = grid.node_values(n) + row * Shape::along + place;
