@@ -202,11 +202,13 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //
 // A loop over nodes calls `phase(node, result)`. If the phase `looks_around`, it asks once for
 // `phase.walls()`, and calls `phase.look_around(walls, node, result)` in place of that for the lanes of nodes
-// for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
-// `keeps_values` does not set stays as it is; with others, and on nodes to which nothing was added, it may
-// become 0. One that `asks_no_sums`, of other nodes neither, may be called for any nodes that such a phase
-// was called for, and for zeros. One that `takes_zero_sums` is called for nodes to which zeros were added,
-// too.
+// for which `phase.looks_around_at(walls, first, lanes)` is true. For one that `lists_images` a backend may
+// list once, for all loops over the same nodes, what they look at: `phase.list_images(walls, node)` calls
+// `node.note_image(first, along, which, behind, walls)` for each image, and the node that look_around() gets
+// calls them up by `node.for_each_image(use)`. What a phase that `keeps_values` does not set stays as it is;
+// with others, and on nodes to which nothing was added, it may become 0. One that `asks_no_sums`, of other
+// nodes neither, may be called for any nodes that such a phase was called for, and for zeros. One that
+// `takes_zero_sums` is called for nodes to which zeros were added, too.
 //
 // ---- what a phase sees
 //

@@ -48,6 +48,15 @@ concept AsksNoSums = requires
     requires Phase::asks_no_sums;
 };
 
+/// Whether a phase of nodes looks around in several loops over the same nodes, so that a backend may list
+/// once what they look at: see backend.hpp.
+template <class Phase>
+concept ListsImages = requires
+{
+    requires Phase::looks_around;
+    requires Phase::lists_images;
+};
+
 /// Whether a phase of nodes is called where all sums are zero, too.
 template <class Phase>
 concept TakesZeroSums = requires

@@ -163,7 +163,7 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
     using Update::d;
 
     using typename Update::Walls;
-    static constexpr bool keeps_values = true;
+    static constexpr bool keeps_values = true, lists_images = true;
 
     bool at_rest;
     Number steps_of_impulse; ///< how often the impulse of stress fits into the step
@@ -187,6 +187,12 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         };
         this->template update<Real>(
             place, sum, [](int) { return Real(0); }, set, Real(0) <= Real(0), reactions);
+    }
+
+    template <class Node>
+    static Mask<typename Node::Real> list_images(Walls const& walls, Node const& node)
+    {
+        return firn::list_images<d, Sums>(walls, node);
     }
 
     /// The same beside reflecting walls, as UpdateGrid does it: walls receive what they hold back, of the

@@ -126,27 +126,24 @@ protected:
     }
 };
 
-/// The same with the sums of nodes together with those of their images behind the walls.
-///
-/// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
-/// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
-/// and image; where walls meet, axis by axis. Other vectors are mirrored as momentum is, and scalars keep
-/// their sign. A wall across the row's own axis mirrors single lanes, one across another axis whole rows.
-template <class Sums, class Real, int d, std::size_t count>
-struct MirroredNode : NodesOrImages<Real, d, count>
+/// Whether nodes know which images they look at, from a loop before this one: see list_images().
+template <class Node>
+concept HasListedImages = requires
 {
-    using Base = NodesOrImages<Real, d, count>;
-    using Base::walls, Base::first, Base::along;
-    using typename Base::Number;
-    Real sums[Sums::channels]; ///< of the nodes and their images
+    requires Node::has_listed_images;
+};
+
+/// The sums of nodes together with those of their images behind the walls.
+template <class Sums, class Real, int d, std::size_t count>
+struct SumsWithImages
+{
+    using Number = ScalarOf<Real>;
+    Real sums[Sums::channels];
     /// The part of the sums that lies behind each wall: mass, and momentum and impulse along its axis,
-    /// unmirrored.
+    /// unmirrored. Of stress alone nobody asks for it.
     Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
-    /// For the lanes of nodes `at`, which reads other nodes by `sums_at(first, along, which lanes, sums)`.
-    template <class Node>
-    FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
-        : Base(planes, at)
+    FIRN_HOST_DEVICE SumsWithImages()
     {
         Real const zero(Number(0));
         for (auto& sum : sums) sum = zero;
@@ -154,8 +151,79 @@ struct MirroredNode : NodesOrImages<Real, d, count>
             mass_behind[w] = momentum_behind[w] = zero;
             if constexpr (Sums::forces_are_apart) impulse_behind[w] = zero;
         }
-        std::array<bool, count> behind{};
-        add<0>(at, first, along, exactly_equal(zero, zero), behind);
+    }
+
+    /// Adds what was found at nodes, or at their images behind some of the walls. No index of an array is a
+    /// variable, so that compilers can keep all in registers. `turns(axis)` is -1 for
+    /// images behind a wall across the axis, else 1.
+    template <class Behind, class Turns>
+    FIRN_HOST_DEVICE void add(Real const (&found)[std::size_t(Sums::channels)], Behind const& behind,
+                              Turns const& turns, std::array<WallPlane, count> const& walls)
+    {
+        if constexpr (requires { Sums::mass; })
+            for (std::size_t w = 0; w < count; ++w) {
+                if (!behind[w]) continue;
+                mass_behind[w] += found[Sums::mass];
+                for (int a = 0; a < d; ++a) {
+                    if (a != walls[w].axis) continue;
+                    momentum_behind[w] += found[Sums::momentum + a];
+                    if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + a];
+                }
+            }
+        for (int c = 0; c < Sums::channels; ++c) {
+            int const axis = Sums::axis(c);
+            sums[c] += axis < 0 ? found[c] : found[c] * Real(Number(turns(axis)));
+        }
+    }
+
+    /// The same, where it is not known yet across which axes the walls lie.
+    template <class Behind>
+    FIRN_HOST_DEVICE void add(Real const (&found)[std::size_t(Sums::channels)], Behind const& behind,
+                              std::array<WallPlane, count> const& walls)
+    {
+        std::array<bool, std::size_t(d)> reverse{};
+        for (std::size_t w = 0; w < count; ++w)
+            for (int a = 0; a < d; ++a)
+                reverse[std::size_t(a)] = reverse[std::size_t(a)] || (behind[w] && a == walls[w].axis);
+        add(
+            found, behind, [&](int axis) { return reverse[std::size_t(axis)] ? -1 : 1; }, walls);
+    }
+};
+
+/// Lanes of nodes beside reflecting walls with the sums of both: the nodes and their images behind the walls.
+///
+/// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
+/// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
+/// and image; where walls meet, axis by axis. Other vectors are mirrored as momentum is, and scalars keep
+/// their sign. A wall across the row's own axis mirrors single lanes, one across another axis whole rows.
+template <class Sums, class Real, int d, std::size_t count>
+struct MirroredNode : NodesOrImages<Real, d, count>, SumsWithImages<Sums, Real, d, count>
+{
+    using Base = NodesOrImages<Real, d, count>;
+    using Totals = SumsWithImages<Sums, Real, d, count>;
+    using Base::walls, Base::first, Base::along;
+    using typename Base::Number;
+
+    /// For the lanes of nodes `at`, which reads other nodes by `sums_at(first, along, which lanes, sums)`; or
+    /// which notes them by `note_image(first, along, which lanes, behind which, walls)`, and later goes
+    /// through these again by `for_each_image`.
+    template <class Node>
+    FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
+        : Base(planes, at)
+    {
+        if constexpr (HasListedImages<Node>) {
+            Totals totals; // a local variable can be in registers
+            at.template for_each_image<Sums::channels>([&](auto const& found, auto const& behind) {
+                totals.add(
+                    found, behind, [&](int axis) { return behind.turns[axis]; }, planes);
+            });
+            static_cast<Totals&>(*this) = totals;
+        }
+        else {
+            Real const zero(Number(0));
+            std::array<bool, count> behind{};
+            add_images<0>(at, first, along, exactly_equal(zero, zero), behind);
+        }
     }
     template <class Node>
     MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< stores a reference
@@ -163,13 +231,13 @@ struct MirroredNode : NodesOrImages<Real, d, count>
 private:
     /// Adds the sums at places and at their images across this axis and those after it.
     template <int axis, class Node>
-    FIRN_HOST_DEVICE void add(Node const& from, Coordinates<d> const& row, Real const& places,
-                              Mask<Real> const& which, std::array<bool, count> const& behind)
+    FIRN_HOST_DEVICE void add_images(Node const& from, Coordinates<d> const& row, Real const& places,
+                                     Mask<Real> const& which, std::array<bool, count> const& behind)
     {
         if constexpr (axis == d)
             add_sums(from, row, places, which, behind);
         else {
-            add<axis + 1>(from, row, places, which, behind);
+            add_images<axis + 1>(from, row, places, which, behind);
             for (std::size_t w = 0; w < count; ++w) {
                 if (walls[w].axis != axis) continue;
                 auto behind_this = behind;
@@ -180,12 +248,13 @@ private:
                     Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
                     Mask<Real> const mirrored = which & exactly_equal(abs(distance), Real(Number(1)));
                     if (any(mirrored))
-                        add<axis + 1>(from, row, places - Real(Number(2)) * distance, mirrored, behind_this);
+                        add_images<axis + 1>(from, row, places - Real(Number(2)) * distance, mirrored,
+                                             behind_this);
                 }
                 else if (walls[w].mirrors(row[axis])) {
                     Coordinates<d> image = row;
                     image[axis] = walls[w].image(row[axis]);
-                    add<axis + 1>(from, image, places, which, behind_this);
+                    add_images<axis + 1>(from, image, places, which, behind_this);
                 }
             }
         }
@@ -195,22 +264,21 @@ private:
     FIRN_HOST_DEVICE void add_sums(Node const& from, Coordinates<d> const& row, Real const& places,
                                    Mask<Real> const& which, std::array<bool, count> const& behind)
     {
-        Real found[Sums::channels];
-        from.template sums_at<Sums::channels>(row, places, which, found);
-        std::array<bool, std::size_t(d)> reverse{};
-        for (std::size_t w = 0; w < count; ++w) {
-            if (!behind[w]) continue;
-            for (int a = 0; a < d; ++a)
-                reverse[std::size_t(a)] = reverse[std::size_t(a)] || a == walls[w].axis;
-            if constexpr (requires { Sums::mass; }) mass_behind[w] += found[Sums::mass];
-            momentum_behind[w] += found[Sums::momentum + walls[w].axis];
-            if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + walls[w].axis];
-        }
-        for (int c = 0; c < Sums::channels; ++c) {
-            int const axis = Sums::axis(c);
-            sums[c] += axis >= 0 && reverse[std::size_t(axis)] ? -found[c] : found[c];
+        if constexpr (requires { from.note_image(row, places, which, behind, walls); })
+            from.note_image(row, places, which, behind, walls);
+        else {
+            Real found[Sums::channels];
+            from.template sums_at<Sums::channels>(row, places, which, found);
+            Totals::add(found, behind, walls);
         }
     }
 };
+
+/// Lets the lanes of nodes note which images they look at. Returns which of them are images themselves.
+template <int d, class Sums, std::size_t count, class Node>
+Mask<typename Node::Real> list_images(std::array<WallPlane, count> const& walls, Node const& node)
+{
+    return MirroredNode<Sums, typename Node::Real, d, count>(walls, node).is_image();
+}
 
 } // namespace firn

@@ -216,7 +216,7 @@ struct BesideWalls : Phase
 {
     using Phase::d;
     using typename Phase::Number, typename Phase::Result, typename Phase::Sums;
-    static constexpr bool looks_around = Effects::walls > 0;
+    static constexpr bool looks_around = Effects::walls > 0, lists_images = true;
     using Walls = std::array<WallPlane, Effects::walls>;
 
     StepContext<Number, Effects> const* of_step;
@@ -227,10 +227,19 @@ struct BesideWalls : Phase
         return is_beside<d>(walls, first, count);
     }
     template <class Node>
+    static Mask<typename Node::Real> list_images(Walls const& walls, Node const& node)
+    {
+        return firn::list_images<d, Sums>(walls, node);
+    }
+    template <class Node>
     FIRN_HOST_DEVICE void look_around(Walls const& walls, Node& node, Result& result) const
     {
         using Real = typename Node::Real;
-        if constexpr (AsksNoSums<Phase>) {
+        if constexpr (AsksNoSums<Phase> && HasListedImages<Node>) {
+            NodesOrUncounted<Node> nodes(node, node.are_images());
+            (*this)(nodes, result);
+        }
+        else if constexpr (AsksNoSums<Phase>) {
             NodesOrUncounted<Node> nodes(node,
                                          NodesOrImages<Real, d, Effects::walls>(walls, node).is_image());
             (*this)(nodes, result);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/openmp/cell_order.hpp>
+#include <firn/openmp/image_lists.hpp>
 
 #include <algorithm>
 #include <array>
@@ -380,6 +381,9 @@ public:
     std::size_t node_count() const { return nodes_.size() * std::size_t(block_channel); }
     /// Changes whenever the indices of nodes do.
     std::uint64_t numbering() const { return numbering_; }
+    /// Of loops that ask for them: see list_images().
+    ImageLists& images() { return images_; }
+    ImageLists const& images() const { return images_; }
 
     /// Makes the sums of the next step those of this one.
     void swap()
@@ -392,7 +396,8 @@ public:
 
     std::size_t memory() const
     {
-        std::size_t bytes = values_.memory() + map_.memory() + nodes_.capacity() * sizeof(NodeBlock) +
+        std::size_t bytes = values_.memory() + map_.memory() + images_.memory() +
+                            nodes_.capacity() * sizeof(NodeBlock) +
                             (by_owner_.capacity() + owner_begin_.capacity()) * sizeof(std::uint32_t);
         for (Tiles const& tiles : tiles_) bytes += tiles.memory();
         return bytes;
@@ -572,6 +577,7 @@ private:
     std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;
     std::uint64_t numbering_ = 0;
+    ImageLists images_;
     std::array<Tiles, std::size_t(layers)> tiles_;
     Array<Number> values_; ///< [layer, if each has its own][node block][channel][row][place]
 };

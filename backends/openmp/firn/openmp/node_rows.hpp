@@ -4,10 +4,13 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/grid.hpp>
+#include <firn/openmp/image_lists.hpp>
+#include <firn/openmp/items.hpp>
 
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 
 namespace firn::openmp
@@ -290,5 +293,146 @@ private:
     GridType& grid_;
     int block_, row_;
 };
+
+/// Neighbouring nodes along a row that look at images which are listed.
+template <class Lane, class GridType, int d>
+class ListedNodes : public NodeLanes<Lane, GridType, d>
+{
+    using Base = NodeLanes<Lane, GridType, d>;
+    using Shape = typename GridType::Shape;
+
+public:
+    using Number = typename Base::Number;
+    static constexpr bool has_listed_images = true;
+
+    /// `node` is a pack of nodes in a row of a block; `sums` holds the whole row.
+    ListedNodes(Base const& node, Number const* sums, GridType& grid, int block, int row,
+                ImageLists::Pack const& listed)
+        : Base(node), sums_(sums), grid_(grid), block_(static_cast<std::uint32_t>(block)),
+          row_(static_cast<std::uint8_t>(row)), listed_(listed)
+    {}
+
+    Mask<Lane> are_images() const { return mask_of<Lane>(listed_.are_images); }
+
+    /// Calls `use(sums, behind which walls)` for the nodes themselves and for their images, with zeros in
+    /// lanes that have no such image.
+    template <int channels, class Use>
+    void for_each_image(Use const& use) const
+    {
+        alignas(64) Number other[std::size_t(channels)][std::size_t(Shape::along)];
+        Number const* sums = sums_;
+        std::uint32_t block = block_;
+        std::uint8_t row = row_;
+        bool any = true; // in the row
+        for (ImageInRow const& image : listed_.images) {
+            if (image.block != block || image.row != row) {
+                block = image.block, row = image.row;
+                bool const is_own = block == block_ && row == row_;
+                any = is_own ||
+                      detail::sum_row<Lane, GridType, channels>(grid_, grid_.nodes()[block], row, other);
+                sums = is_own ? sums_ : &other[0][0];
+            }
+            if (!any) continue;
+            Mask<Lane> const lanes = mask_of<Lane>(image.lanes);
+            Lane found[std::size_t(channels)];
+            for (int c = 0; c < channels; ++c) {
+                Number const* const from = sums + c * Shape::along + image.place;
+                found[c] = select(lanes, image.is_single ? Lane(*from) : LaneTraits<Lane>::load(from),
+                                  Lane(Number(0)));
+            }
+            use(found, image.behind);
+        }
+    }
+
+private:
+    Number const* sums_;
+    GridType& grid_;
+    std::uint32_t block_;
+    std::uint8_t row_;
+    ImageLists::Pack listed_;
+};
+
+/// A pack of nodes whose images are being listed.
+template <class Lane, class GridType, int d>
+class ListingNodes
+{
+    using Shape = typename GridType::Shape;
+    using Number = ScalarOf<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+    static_assert(lanes <= 32 && Shape::rows <= 256 && Shape::along <= 256, "as ImageInRow keeps them");
+
+public:
+    using Real = Lane;
+
+    ListingNodes(GridType const& grid, Coordinates<d> const& first, ImageLists& lists)
+        : grid_(grid), first_(first), lists_(lists)
+    {}
+
+    Coordinates<d> first() const { return first_; }
+    Vector<Lane, d> offset() const
+    {
+        Vector<Lane, d> steps = zeros<Vector<Lane, d>>();
+        steps[d - 1] = counting<Lane>();
+        return steps;
+    }
+
+    /// Notes that the nodes `first` + `along`, the latter on the last axis, are images of those in the lanes
+    /// of `which`, behind some walls.
+    template <class Walls, std::size_t count>
+    void note_image(Coordinates<d> const& first, Lane const& along, Mask<Lane> const& which,
+                    std::array<bool, count> const& behind, Walls const& walls) const
+    {
+        static_assert(count <= BehindWalls::most);
+        BehindWalls of_walls;
+        for (std::size_t w = 0; w < count; ++w) {
+            if (!behind[w]) continue;
+            of_walls.bits |= std::uint32_t(1) << w;
+            of_walls.turns[walls[w].axis] = -1;
+        }
+        Mask<Lane> const in_turn = exactly_equal(along, counting<Lane>()); // most lanes look so
+        if (any(which & in_turn)) note(first, bits(which & in_turn), of_walls, false);
+        Number steps[std::size_t(lanes)];
+        LaneTraits<Lane>::store(along, steps);
+        for (std::uint64_t rest = bits(which & !in_turn); rest != 0; rest &= rest - 1) {
+            int const lane = std::countr_zero(rest);
+            Coordinates<d> node = first;
+            node[d - 1] += static_cast<int>(steps[lane]);
+            note(node, std::uint64_t{1} << lane, of_walls, true);
+        }
+    }
+
+private:
+    void note(Coordinates<d> const& node, std::uint64_t which, BehindWalls behind, bool is_single) const
+    {
+        auto const [block, place] = GridType::block_and_place(node);
+        int const n = grid_.find(block);
+        if (n == GridType::absent) return;
+        int row = 0;
+        for (int a = 0; a < d - 1; ++a) row = row * Shape::across + place[a];
+        lists_.add({static_cast<std::uint32_t>(which), behind, static_cast<std::uint32_t>(n),
+                    static_cast<std::uint8_t>(row), static_cast<std::uint8_t>(place[d - 1]), is_single});
+    }
+
+    GridType const& grid_;
+    Coordinates<d> first_;
+    ImageLists& lists_;
+};
+
+/// Lists the images that a phase looks at, unless they are listed already.
+template <class Lane, class GridType, class Phase, class Walls>
+void list_images(GridType& grid, Phase const& phase, Walls const& walls)
+{
+    using Shape = typename GridType::Shape;
+    constexpr int d = Phase::d, lanes = lane_width<Lane>, packs_of_row = Shape::along / lanes;
+    if (grid.images().are_of(grid.numbering(), walls)) return;
+    grid.images().make(
+        grid.numbering(), walls, grid.nodes().size(), Shape::rows * packs_of_row,
+        [&](std::size_t n, int pack, ImageLists& lists) -> std::uint64_t {
+            Coordinates<d> const at = GridType::node_at(grid.nodes()[n].coordinates, pack / packs_of_row,
+                                                        pack % packs_of_row * lanes);
+            if (!phase.looks_around_at(walls, at, lanes)) return 0;
+            return bits(phase.list_images(walls, ListingNodes<Lane, GridType, d>(grid, at, lists)));
+        });
+}
 
 } // namespace firn::openmp

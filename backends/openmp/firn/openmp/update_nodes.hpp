@@ -12,6 +12,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 // The loop over nodes: they add up the tiles that cover them, and are updated.
 namespace firn::openmp
@@ -47,7 +48,17 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
             auto* const values = grid.node_values(n) + row * Shape::along + place;
             NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
-            if constexpr (Phase::looks_around)
+            if constexpr (ListsImages<Phase>) {
+                auto const listed =
+                    std::as_const(grid).images().of(n, (row * Shape::along + place) / lane_width<Lane>);
+                if (!listed.images.empty()) {
+                    ListedNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, static_cast<int>(n), row,
+                                                           listed);
+                    phase.look_around(around, looking, result);
+                    continue;
+                }
+            }
+            else if constexpr (Phase::looks_around)
                 if (phase.looks_around_at(around, at, lane_width<Lane>)) {
                     LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, static_cast<int>(n),
                                                             row);
@@ -85,6 +96,7 @@ typename Phase::Result for_each_node(Threads const& threads, Order const& cells,
     using Result = typename Phase::Result;
     auto& results =
         detail::ResultsOf<Result>::make_ready(cells.workspace(), static_cast<std::size_t>(grid.owners()));
+    if constexpr (ListsImages<Phase>) list_images<Lane>(grid, phase, phase.walls());
     int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
     parallel_for(threads.limited_to(most), grid.owners(), cells.partitions(), [&](int) {
         return [&, around = detail::surroundings(phase)](int owner) {
