@@ -58,24 +58,31 @@ auto snapshot_of_scene(Scene& scene, TimeLoop const& time_loop)
     return to;
 }
 
-/// Saves a scene, which then goes on as from its snapshot; see Solver::snapshot.
-template <class Scene, class TimeLoop>
-auto save(Scene& scene, TimeLoop& time_loop)
+/// Lets a scene go on from a snapshot of its own particles, in the memory that they have already.
+template <class Scene, class TimeLoop, class Number, int d>
+void set_particles(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
 {
     using Sets = typename Scene::Sets;
-    scene.cache_grid_fields();
-    auto to = snapshot_of_scene(scene, time_loop);
     std::vector<typename Sets::CellOrder> orders; // allocated before anything changes
     Sets::for_each([&](auto k) {
-        orders.push_back(cell_order_of(scene.sets.template particles<k>(), to.materials[k]));
+        orders.push_back(cell_order_of(scene.sets.template particles<k>(), from.materials[k]));
     });
     typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
     scene.change([&] {
         Sets::for_each([&](auto k) {
-            restore_particles(scene.sets.template particles<k>(), to.materials[k], std::move(orders[k]));
+            restore_particles(scene.sets.template particles<k>(), from.materials[k], std::move(orders[k]));
         });
-        go_on_from(to, to.bounds, std::move(grid_state), to.isolated, scene, time_loop);
+        go_on_from(from, from.bounds, std::move(grid_state), from.isolated, scene, time_loop);
     });
+}
+
+/// Saves a scene, which then goes on as from its snapshot; see Solver::snapshot.
+template <class Scene, class TimeLoop>
+auto save(Scene& scene, TimeLoop& time_loop)
+{
+    scene.cache_grid_fields();
+    auto to = snapshot_of_scene(scene, time_loop);
+    set_particles(to, scene, time_loop);
     return to;
 }
 

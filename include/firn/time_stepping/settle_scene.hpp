@@ -59,11 +59,9 @@ void displace(Scene& scene, Found const& found, Snapshot& snapshot)
         return of_all;
     };
     auto const way = by_row(Velocity{});
-    std::vector<std::uint32_t> row(snapshot.ids.size()), rank = snapshot.ids;
-    std::sort(rank.begin(), rank.end());
+    std::vector<std::uint32_t> row(snapshot.ids.size());
     for (std::size_t i = 0; i < row.size(); ++i)
-        row[i] = static_cast<std::uint32_t>(std::lower_bound(rank.begin(), rank.end(), snapshot.ids[i]) -
-                                            rank.begin());
+        row[i] = scene.sets.template particles<k>().row(snapshot.ids[i]);
     for (std::size_t i = 0; i < row.size(); ++i)
         for (int a = 0; a < d; ++a) {
             auto& offset = snapshot.offsets[std::size_t(a)][i];
@@ -153,7 +151,15 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
         snapshot.previous = snapshot.last = 0;
         snapshot.bounds = {};
         detail::require_whole(snapshot, Sets::CellOrder::largest_coordinate);
-        detail::replace(snapshot, true, scene, *this);
+        constexpr bool may_object = []<std::size_t... k>(std::index_sequence<k...>)
+        {
+            return (Sets::template may_object<k> || ...);
+        }
+        (typename Sets::Places{});
+        if constexpr (may_object)
+            detail::replace(snapshot, true, scene, *this);
+        else
+            detail::set_particles(snapshot, scene, *this);
         return true;
     };
     auto const end = [&] { // whatever happened

@@ -320,31 +320,34 @@ public:
     void for_each_image(Use const& use) const
     {
         alignas(64) Number other[std::size_t(channels)][std::size_t(Shape::along)];
-        Number const* sums = sums_;
-        std::uint32_t block = block_;
-        std::uint8_t row = row_;
-        bool any = true; // in the row
-        for (ImageInRow const& image : listed_.images) {
-            if (image.block != block || image.row != row) {
-                block = image.block, row = image.row;
-                bool const is_own = block == block_ && row == row_;
-                any = is_own ||
-                      detail::sum_row<Lane, GridType, channels>(grid_, grid_.nodes()[block], row, other);
-                sums = is_own ? sums_ : &other[0][0];
-            }
-            if (!any) continue;
-            Mask<Lane> const lanes = mask_of<Lane>(image.lanes);
-            Lane found[std::size_t(channels)];
-            for (int c = 0; c < channels; ++c) {
-                Number const* const from = sums + c * Shape::along + image.place;
-                found[c] = select(lanes, image.is_single ? Lane(*from) : LaneTraits<Lane>::load(from),
-                                  Lane(Number(0)));
-            }
-            use(found, image.behind);
+        auto const& images = listed_.images;
+        for (std::size_t i = 0; i < images.size();) {
+            // row by row, so that what `use` adds up stays in registers between the calls for rows
+            std::uint32_t const block = images[i].block;
+            std::uint8_t const row = images[i].row;
+            bool const is_own = block == block_ && row == row_;
+            bool const any =
+                is_own || detail::sum_row<Lane, GridType, channels>(grid_, grid_.nodes()[block], row, other);
+            Number const* const sums = is_own ? sums_ : &other[0][0];
+            for (; i < images.size() && images[i].block == block && images[i].row == row; ++i)
+                if (any) use_image<channels>(images[i], sums, use);
         }
     }
 
 private:
+    template <int channels, class Use>
+    static void use_image(ImageInRow const& image, Number const* sums, Use const& use)
+    {
+        Mask<Lane> const lanes = mask_of<Lane>(image.lanes);
+        Lane found[std::size_t(channels)];
+        for (int c = 0; c < channels; ++c) {
+            Number const* const from = sums + c * Shape::along + image.place;
+            found[c] =
+                select(lanes, image.is_single ? Lane(*from) : LaneTraits<Lane>::load(from), Lane(Number(0)));
+        }
+        use(found, image.behind);
+    }
+
     Number const* sums_;
     GridType& grid_;
     std::uint32_t block_;
