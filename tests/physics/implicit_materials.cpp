@@ -216,3 +216,57 @@ TEST_CASE("a plastic column that settles yields below, and leans on its walls as
     CHECK(report.load_steps == 1);
     CHECK(report.solve.passes <= 300);
 }
+
+// Images lie in the same block of nodes, or in one beside it, in other rows or in other lanes.
+TEST_CASE("a column between walls settles in the same way wherever they lie among the grid's blocks")
+{
+    constexpr int high = 6, wide = 2;
+    constexpr double h = 1.0 / high;
+    auto const settled = [&](int up, int side_at, int foot_at) {
+        Eigen::Vector2d low, size;
+        low[1 - up] = side_at * h, low[up] = foot_at * h;
+        size[1 - up] = wide * h, size[up] = 1;
+        Solver<TestedBackend, NeoHookean<Plane>, CubicBSpline, Mls, Implicit> column(
+            lattice(h), of_moduli<NeoHookean<Plane>>());
+        column.add(box_of_points<2>(low, low + size, h), h * h / 4);
+        Eigen::Vector3d g(0, 0, 0);
+        g[up] = -9.81;
+        ReflectingWall const side{.axis = 1 - up, .node = side_at}, foot{.axis = up, .node = foot_at},
+            other{.axis = 1 - up, .node = side_at + wide, .side = -1};
+        auto const report = column.settle(Gravity{g}, side, other, foot);
+        CHECK(report.reactions[2].impulse[up] == Approx(-1000 * 9.81 * wide * h).epsilon(1e-3));
+        CHECK(report.reactions[0].impulse[1 - up] == Approx(-report.reactions[1].impulse[1 - up]));
+        std::vector<double> heights; // above the foot
+        for (auto const& x : column.positions()) heights.push_back(x[up] - low[up]);
+        std::ranges::sort(heights);
+        return heights;
+    };
+    auto const first = settled(1, 0, 0);
+    CHECK(first.back() == Approx(1 - h / 4 - 0.0348553).epsilon(3e-3));
+    for (int const up : {0, 1})
+        for (int const side_at : {0, 5, 6, 7, 15})
+            for (int const foot_at : {0, 6, 7, 14, 15}) {
+                CAPTURE(up, side_at, foot_at);
+                auto const other = settled(up, side_at, foot_at);
+                for (std::size_t i = 0; i < first.size(); ++i)
+                    CHECK(other[i] == Approx(first[i]).margin(1e-7));
+            }
+}
+
+// Nodes beside a wall are found anew where the next call has other walls.
+TEST_CASE("implicit steps see where the walls of each call are")
+{
+    constexpr double h = 0.125;
+    using Block = Solver<TestedBackend, NeoHookean<Plane>, QuadraticBSpline, Mls, Implicit>;
+    auto const fallen = [&](bool afresh) {
+        Block block(lattice(h), of_moduli<NeoHookean<Plane>>());
+        block.add(box_of_points<2>({0, 0}, {1, 1}, h), h * h / 4);
+        ReflectingWall const floor{.axis = 1}, left{.axis = 0}, right{.axis = 0, .node = 8, .side = -1};
+        block.step(0.01, Gravity{}, floor, left);
+        if (afresh) block.restore(block.snapshot()); // whose grid has seen no walls
+        block.step(0.01, Gravity{}, floor, right);
+        return block.positions();
+    };
+    auto const once = fallen(false), afresh = fallen(true);
+    for (std::size_t i = 0; i < once.size(); ++i) CHECK((once[i] - afresh[i]).norm() < 1e-9);
+}
