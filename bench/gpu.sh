@@ -96,21 +96,34 @@ for tool in memcheck racecheck initcheck; do
     part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_every_loop & beside+=($!)
 done
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
+# Programs that are complete run beside one another, as these do: small scenes leave most of the device idle. One whose
+# tests take long is divided. cuda_fault runs by itself, once all others are through.
+at_once=4
+running=()
+finish() { # COUNT: waits until fewer than so many run
+    while [ ${#running[@]} -ge "$1" ]; do
+        wait "${running[0]}" || failed=yes
+        running=("${running[@]:1}")
+    done
+}
+begin() { # NAME COMMAND...: see part
+    finish $at_once
+    part "$@" & running+=($!)
+}
 for program in $programs; do
     built $program
-    if [ $program = cuda_fault ]; then # it runs alone: once the sanitizers are through
-        for sanitizer in "${beside[@]}"; do wait "$sanitizer" || failed=yes; done
-    fi
-    [ $program != cuda_physics ] || continue
-    part $program ./$program '~[memory]' || failed=yes
+    case $program in
+        cuda_fault) ;;
+        cuda_models | cuda_physics)
+            for shard in 0 1 2 3; do
+                begin ${program}_$shard ./$program '~[memory]' --shard-count 4 --shard-index $shard
+            done ;;
+        *) begin $program ./$program '~[memory]' ;;
+    esac
 done
-# Many small scenes, which leave most of the device idle: 86 s of an H200 one after the other (7040a5c).
-built cuda_physics
-shards=()
-for shard in 0 1 2 3; do
-    part cuda_physics_$shard ./cuda_physics --shard-count 4 --shard-index $shard & shards+=($!)
-done
-for shard in "${shards[@]}"; do wait "$shard" || failed=yes; done
+finish 1
+for sanitizer in "${beside[@]}"; do wait "$sanitizer" || failed=yes; done
+part cuda_fault ./cuda_fault || failed=yes
 wait "$build" || { build=""; not_built; }
 build=""
 echo "all is built and run at $SECONDS s"
