@@ -91,6 +91,28 @@ TEST_CASE("particles that are changed on their way from device to device come to
     firn::test::require_same_on_ranks({3}, with(Flip{}), firn::test::on_peers);
 }
 
+TEST_CASE("particles go from device to device beside one to which none go")
+{
+    // One body moves over two of three ranks, and the third rank has one at rest.
+    auto const scene = [](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Space<2, double>>> solver(lattice(0.1), {},
+                                                                                            {}, {}, backend);
+        auto points = box_of_points<2>({0, 0}, {2, 0.6}, 0.05);
+        std::size_t const moving = points.size();
+        auto const at_rest = box_of_points<2>({10, 10}, {11, 10.6}, 0.05);
+        points.insert(points.end(), at_rest.begin(), at_rest.end());
+        solver.add(points, 0.05 * 0.05);
+        auto velocities = solver.template download<Velocity>();
+        for (std::size_t i = 0; i < moving; ++i) velocities[i] = {20, 3};
+        solver.template upload<Velocity>(velocities);
+        solver.steps(10, 0.001);
+        Numbers all;
+        firn::test::append_all(all, solver);
+        return all;
+    };
+    firn::test::require_same_on_ranks({3}, scene, firn::test::on_peers);
+}
+
 TEST_CASE("messages between devices have room for as many particles as have travelled of late")
 {
     distributed::RoomForItems room(2);

@@ -42,10 +42,12 @@ public:
     }
 
     /// Lets each rank have what all of them have, as many bytes of each, one rank's behind the other's.
-    /// Beside that they may swap messages, if the communicator does so without the host.
+    /// Beside that they may swap messages, if the communicator does so without the host: `are_swapped` says
+    /// on all ranks whether some do so, since those without messages take part, too.
     template <class C>
     void gather(C const& communicator, unsigned char const* own, std::size_t bytes, unsigned char* all,
-                std::span<DeviceMessage const> to = {}, std::span<DeviceMessage const> from = {})
+                bool are_swapped = false, std::span<DeviceMessage const> to = {},
+                std::span<DeviceMessage const> from = {})
     {
         if constexpr (is_on_device<C>) {
             cuda::OnDevice const here(queue_);
@@ -54,7 +56,7 @@ public:
                 communicator.gather_beside(stream, own, bytes, all, to, from);
             else {
                 communicator.gather_on_device(stream, own, bytes, all);
-                if (!to.empty() || !from.empty()) communicator.exchange_on_device(stream, to, from);
+                if (are_swapped) communicator.exchange_on_device(stream, to, from);
             }
         }
         else {

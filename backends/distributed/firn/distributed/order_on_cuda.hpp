@@ -64,13 +64,14 @@ public:
     }
 
     /// Called when the search for new cells is queued: packs strays for the ranks that have had some of late.
-    void pack_early(std::uint32_t const* told, std::vector<DeviceMessage>& to,
+    /// Returns whether any rank does so for this order.
+    bool pack_early(std::uint32_t const* told, std::vector<DeviceMessage>& to,
                     std::vector<DeviceMessage>& from)
     {
         are_in_ = false;
         this->are_packed_ = DeviceExchange::is_on_device<C> && !travelling_.empty() && this->blocks() > 0 &&
                             this->room_.is_any();
-        if (!this->are_packed_) return;
+        if (!this->are_packed_) return false;
         this->room_of_packed_ = this->room_;
         std::vector<std::uint32_t> room_out, room_in;
         int const ranks = communicator_.size(), own = communicator_.rank();
@@ -82,6 +83,7 @@ public:
                          room_out, room_in, to, from);
         room_in_ = std::accumulate(room_in.begin(), room_in.end(), std::size_t{0});
         is_next_ = true;
+        return true;
     }
     /// Called when a step is queued as a whole, of which all ranks have told this: takes in what has come, if
     /// nothing is left out. It does not wait for the host to know. If the step fails, the next one forgets

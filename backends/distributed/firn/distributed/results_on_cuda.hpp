@@ -120,14 +120,16 @@ public:
         }
         if (!again) search(cells, told, of_order);
         std::vector<DeviceMessage> to, from; // of strays
+        bool are_packed = false;             // some, on any rank
         if (are_more && !again)
-            for (std::size_t k = 0; k < orders; ++k) cells[k]->pack_early(told + k * of_order, to, from);
+            for (std::size_t k = 0; k < orders; ++k)
+                are_packed = cells[k]->pack_early(told + k * of_order, to, from) || are_packed;
         if (are_more) side_.end();
         unsigned char const* all = own_.data();
         if (are_more) {
             all_.renew(bytes * ranks);
             bytes_ = bytes;
-            exchange_.gather(communicator, own_.data(), bytes, all_.data(), to, from);
+            exchange_.gather(communicator, own_.data(), bytes, all_.data(), are_packed, to, from);
             all = all_.data();
         }
 
