@@ -269,8 +269,11 @@ private:
             for (int to = 0; to < ranks; ++to) rooms.push_back(this->room_of_packed_(from, to));
         if (rooms == told_rooms_) return;
         told_rooms_ = rooms;
-        auto* const here = rooms_here_.template as<std::uint32_t>(rooms.size());
-        std::ranges::copy(rooms, here); // the host has waited since they were copied last
+        // The host has not waited yet since they were copied last, but since they were the time before.
+        is_first_half_ = !is_first_half_;
+        auto* const here =
+            rooms_here_.template as<std::uint32_t>(2 * rooms.size()) + (is_first_half_ ? 0 : rooms.size());
+        std::ranges::copy(rooms, here);
         rooms_.renew(rooms.size());
         cuda::copy_queued(this->queue_, rooms_.data(), static_cast<std::uint32_t const*>(here), rooms.size());
     }
@@ -339,7 +342,8 @@ private:
     bool is_next_ = false;    ///< they are to be taken in
     bool are_in_ = false;     ///< that has been queued
     std::vector<std::uint32_t> told_rooms_; ///< of all such messages
-    cuda::HostMemory rooms_here_;           ///< on the way to the device
+    cuda::HostMemory rooms_here_;           ///< on the way to the device: one half, and then the other
+    bool is_first_half_ = false;            ///< so was the one that was used last
     cuda::Array<std::uint32_t> rooms_, left_behind_;
     SwapOfItems<Number, d> swap_;
     cuda::Array<std::uint64_t> origins_; ///< of what came
