@@ -148,6 +148,45 @@ TEST_CASE("particles that lie too densely move apart until they fill their volum
     for (auto const& v : solver.download<Velocity>()) CHECK(v.norm() < 1e-12); // nothing pushed them
 }
 
+namespace
+{
+
+/// How deep particles that were 0.3 cells inside a small disk are after some corrections, wherever the disk
+/// lies among the backend's blocks of cells [cells].
+template <class Backend>
+double depth_after_corrections()
+{
+    double const h = 0.02, radius = 3 * h;
+    StillWater water = materials::water<Plane>(3);
+    water.interval = 0;
+    double deepest = -1e9;
+    for (int shifted = 0; shifted < 8; ++shifted) {
+        Eigen::Vector2d const centre(shifted * h, 0.6 * shifted * h);
+        Solver<Backend, StillWater, QuadraticBSpline, Mls> solver(lattice(h), water);
+        std::vector<Eigen::Vector2d> points;
+        for (int i = 0; i < 24; ++i)
+            points.push_back(centre +
+                             Eigen::Rotation2Dd(i * M_PI / 12) * Eigen::Vector2d(radius - 0.3 * h, 0));
+        solver.add(points, h * h / 4);
+        Obstacles<Sphere, ActsOn::surface> disk{
+            {{.shape = {radius}, .motion = {.position = {centre.x(), centre.y(), 0}}}}};
+        solver.steps(10, 0.2 * solver.stable_step(), disk);
+        for (auto const& x : solver.positions())
+            deepest = std::max(deepest, (radius - (x - centre).norm()) / h);
+    }
+    return deepest;
+}
+
+} // namespace
+
+TEST_CASE("what is a little inside a small obstacle is moved out, wherever both lie", "[physics][volume]")
+{
+    CHECK(depth_after_corrections<TestedBackend>() < 1e-3);
+#if defined(FIRN_TESTS_ON_OPENMP)
+    CHECK(depth_after_corrections<BasicOpenMP<openmp::ScalarLanes>>() < 1e-3);
+#endif
+}
+
 TEST_CASE("keeping its volume changes no momentum of a fluid", "[physics][volume]")
 {
     double const h = 0.02;

@@ -282,7 +282,7 @@ private:
     /// Lanes are a row along the last axis; images in a wall lie up to 2 cells beside it.
     static Room room_for_nodes()
     {
-        // a node's points, and what else is near these; lanes of particles look there, too
+        // a node's points, and what else is near these; packs of particles look there, too
         if constexpr (acts_at_surface(acts_on))
             return {lanes > 1 ? 3 + 7 : 3, 4, lanes - 1 + 2, 2};
         else

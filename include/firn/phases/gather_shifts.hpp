@@ -129,11 +129,18 @@ private:
         KeepOutOfSolids<Number, d, Effects> const solids{now};
         Number const cell = static_cast<Number>(lattice.cell_size);
         Vector<Real, d> const x = position_of<Real>(items), along = items.along();
-        Vector<Real, d> where = x + along;
-        for (int a = 0; a < d; ++a) where[a] += Real(to_node);
+        Coordinates<d> first = items.first();
+        Vector<Real, d> where = x;
+        for (int a = 0; a < d; ++a) {
+            if constexpr (width == 1) // one lane looks there by its own cell, too: see room_for_nodes()
+                first[a] += static_cast<int>(along[a]);
+            else
+                where[a] += along[a];
+            where[a] += Real(to_node);
+        }
         std::uint64_t const near =
             bits(items.here() &
-                 solids.template are_near<Real>({lattice, items.first(), where, kernel_reach(Kernel::degree)},
+                 solids.template are_near<Real>({lattice, first, where, kernel_reach(Kernel::degree)},
                                                 Vector<Real, d>(shift * Real(cell))));
         if (near == 0) return;
         Number offsets[std::size_t(d)][std::size_t(width)], cells[std::size_t(d)][std::size_t(width)],
