@@ -40,6 +40,16 @@ SignedDistanceGrid<double, 2> disk(Point const& centre, double radius)
     return distances([=](Point const& x) { return (x - centre).norm() - radius; });
 }
 
+/// How far points are from those of another list, one by one, at most.
+template <class Points, class Others>
+double most_apart(Points const& points, Others const& others)
+{
+    double most = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        most = std::max(most, (points[i].template cast<double>() - others[i].template cast<double>()).norm());
+    return most;
+}
+
 /// A shape whose values are where the tested backend reads them.
 template <class ShapeType>
 auto there(ShapeType const& shape)
@@ -76,19 +86,11 @@ TEST_CASE("a disk that deforms by moving on is where the disk is that moves on")
         of_soft += with_soft.step(duration / 200, deformed).reactions[0].impulse;
     }
     auto const x = with_rigid.positions(), y = with_soft.positions();
-    double worst = 0, farthest = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        worst = std::max(worst, double((x[i] - y[i]).norm()));
-        farthest = std::max(farthest, double((x[i] - points[i].cast<Jelly::Number>()).norm()));
-    }
-    CHECK(farthest > h); // it has been pushed
-    CHECK(worst <= 1e-6 * h);
+    CHECK(most_apart(x, points) > h); // it has been pushed
+    CHECK(most_apart(x, y) <= 1e-6 * h);
     CHECK((of_rigid - of_soft).norm() <= 1e-6 * of_rigid.norm());
     // as one of any number it is the same
-    auto const z = with_group.positions();
-    worst = 0;
-    for (std::size_t i = 0; i < y.size(); ++i) worst = std::max(worst, double((y[i] - z[i]).norm()));
-    CHECK(worst <= 1e-9 * h);
+    CHECK(most_apart(y, with_group.positions()) <= 1e-9 * h);
     CHECK((of_group - of_soft).norm() <= 1e-9 * of_soft.norm());
 }
 
@@ -159,13 +161,8 @@ TEST_CASE("at its surface a disk that deforms by moving on acts as one that move
     for (auto const& report : with_soft.steps(200, duration / 200, deforms))
         of_soft += report.reactions[0].impulse;
     auto const x = with_rigid.positions(), y = with_soft.positions();
-    double worst = 0, farthest = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        worst = std::max(worst, double((x[i] - y[i]).norm()));
-        farthest = std::max(farthest, double((x[i] - points[i].cast<Jelly::Number>()).norm()));
-    }
-    CHECK(farthest > h); // it has been pushed
-    CHECK(worst <= 1e-6 * h);
+    CHECK(most_apart(x, points) > h); // it has been pushed
+    CHECK(most_apart(x, y) <= 1e-6 * h);
     CHECK((of_rigid - of_soft).norm() <= 1e-6 * of_rigid.norm());
 }
 

@@ -16,9 +16,9 @@ namespace firn
 ///
 /// Where material flows along a surface and leaves it, as below a jet that a wall turns, velocities grow with
 /// the distance from the surface, on both sides of it: what is a little inside is driven deeper. So a shift
-/// leads into no solid, and what is in one by less than half a cell comes out of it. A face that lies inside
-/// another solid is no surface, and what is deeper stays where it is, since the nearest face may be that at
-/// the solid's back.
+/// that ends in a solid by less than half a cell goes on until it is out of it. A face that lies inside
+/// another solid is no surface. A shift that ends deeper is left as it is, since the nearest face may be that
+/// at the solid's back.
 template <class Number, int d, class Effects>
 struct KeepOutOfSolids
 {

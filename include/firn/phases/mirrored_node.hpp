@@ -140,7 +140,7 @@ struct SumsWithImages
     using Number = ScalarOf<Real>;
     Real sums[Sums::channels];
     /// The part of the sums that lies behind each wall: mass, and momentum and impulse along its axis,
-    /// unmirrored. Of stress alone nobody asks for it.
+    /// unmirrored. Phases that sum up stress alone do not need it.
     Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
     FIRN_HOST_DEVICE SumsWithImages()
@@ -154,8 +154,8 @@ struct SumsWithImages
     }
 
     /// Adds what was found at nodes, or at their images behind some of the walls. No index of an array is a
-    /// variable, so that compilers can keep all in registers. `turns(axis)` is -1 for
-    /// images behind a wall across the axis, else 1.
+    /// variable, so that compilers can keep all in registers.
+    /// `turns(axis)` is -1 for images behind a wall across the axis, else 1.
     template <class Behind, class Turns>
     FIRN_HOST_DEVICE void add(Real const (&found)[std::size_t(Sums::channels)], Behind const& behind,
                               Turns const& turns, std::array<WallPlane, count> const& walls)
