@@ -164,21 +164,23 @@ void drift(std::string const& name, double stress, double energy)
     typename SceneType::Solver solver{lattice(h)};
     auto const points = scattered<2>(box_of_points<2>({0, 0}, {4 * h, 4 * h}, h), 0.1 * h);
     double const dt = 0.4 * h / wave_speed(solver.model());
-    double most = 0, change = 0;
+    double const modulus = solver.model().elasticity.p_wave_modulus();
+    double most = 0, turn = 0, change = 0;
     auto const go = [&](double cells_a_step, int steps) {
         solver.template upload<Velocity>(std::vector<Vector<typename SceneType::Number, 2>>(
             points.size(), Point(cells_a_step * h / dt, 0).template cast<typename SceneType::Number>()));
         double const start = kinetic(solver);
         solver.steps(static_cast<std::size_t>(steps), dt);
         change = std::max(change, std::abs(kinetic(solver) / start - 1));
-        // near rest the stress is 2 mu sym H + lambda tr H, at most M |H| sqrt(2)
-        most =
-            std::max(most, std::sqrt(2.0) * largest_norm(solver.template download<DisplacementGradient>()));
+        most = std::max(most, largest_norm(solver.template download<Stress>()) / modulus);
+        for (auto const& H : solver.template download<DisplacementGradient>())
+            turn = std::max(turn, std::abs(double(H(0, 1)) - double(H(1, 0))) / 2);
     };
     solver.add(points, h * h / 4);
     go(1e-3, 10000);
     go(1e-6, 10000);
     H8.at_most(name + ": largest stress / wave modulus", most, stress);
+    H8.at_most(name + ": turn of the block", turn, energy);
     H8.at_most(name + ": change of kinetic energy", change, energy);
 }
 
