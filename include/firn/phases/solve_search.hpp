@@ -27,13 +27,15 @@ struct SearchState
     bool falls = true;                    ///< p H p was above 0
     bool has_ended = false;               ///< phases leave nodes alone
 
-    /// How many more iterations it takes if residuals fall on as they fell so far, at least one.
+    /// How many more iterations it takes if residuals fall on as they fell so far, at least one. The first
+    /// few may hardly fall, which tells little of the others: so no more than 16, or twice as many as so far.
     int expected(int most) const
     {
         if (products == 0) return std::min(2, most);
         double const fell = std::log(rz / first) / products;
         if (!(fell < 0)) return 1;
-        return static_cast<int>(std::clamp(std::log(enough / rz) / fell, 1.0, double(most)));
+        int const bound = std::min(most, std::max(16, 2 * products));
+        return static_cast<int>(std::clamp(std::log(enough / rz) / fell, 1.0, double(bound)));
     }
 };
 
