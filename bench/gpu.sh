@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
-# processor included), runs compute-sanitizer on a step of every kind, and times steps; in some nine minutes with 16
-# cores (499 s at 950e6e4), most of which are nvcc's. The last lines are a table of the timings; if a test failed, one
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in less than nine minutes with
+# 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one
 # that says so.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--all] [--large] [--materials] [--errors] [--record ID]
@@ -63,7 +63,7 @@ leave() { # no background job outlives the script; how long nvcc took for each u
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_device cuda_agreement cuda_devices cuda_hard_cases cuda_scenes cuda_models cuda_fault cuda_physics $all"
+programs="cuda_device cuda_hard_cases cuda_models cuda_agreement cuda_scenes cuda_physics cuda_devices cuda_fault $all"
 for program in cuda_every_loop $programs; do rm -f "$tests/$program"; done # or those of an earlier run would be tested
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
@@ -92,10 +92,19 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
 # In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_every_loop
+# Compute-sanitizer takes some milliseconds for each loop that is launched, and racecheck the most: one thread of the
+# host, so several parts of the program are watched beside one another.
 beside=()
-for tool in memcheck racecheck initcheck; do
-    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_every_loop & beside+=($!)
-done
+watch() { # TOOL COUNT: in so many parts
+    local shard
+    for ((shard = 0; shard < $2; ++shard)); do
+        part $1_$shard compute-sanitizer --tool $1 --error-exitcode 1 ./cuda_every_loop --shard-count $2 --shard-index $shard &
+        beside+=($!)
+    done
+}
+watch racecheck 4
+watch memcheck 2
+watch initcheck 2
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
 # Programs that are complete run beside one another, as these do: small scenes leave most of the device idle. One whose
 # tests take long is divided. cuda_fault runs by itself, once all others are through.
