@@ -3,8 +3,7 @@
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
 # processor included), runs compute-sanitizer on a step of every kind, and times steps; in less than nine minutes with
-# 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one
-# that says so.
+# 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--all] [--large] [--materials] [--errors] [--record ID]
 #

@@ -34,17 +34,22 @@ public:
     /// Finds the items of the block.
     __device__ ItemsOfBlock(typename Order::View const& cells, std::uint32_t block)
         : cells_(cells), tiles_(shared_memory(), In::gathers), first_(cells.begin[block * Shape::cells]),
-          end_(cells.begin[(block + 1) * Shape::cells]),
-          begin_(cells.begin[block * Shape::cells + std::min(threadIdx.x, Shape::cells + 0u)])
-    {}
+          end_(cells.begin[(block + 1) * Shape::cells])
+    {
+        for (unsigned half = 0; half < Shape::cells / 32; ++half)
+            begin_[half] = cells.begin[block * Shape::cells + half * 32 + threadIdx.x % 32];
+    }
 
     /// Reads the values of the nodes under the block.
     __device__ void read(typename GridType::View const& grid, std::uint32_t block)
     {
         origin_ = cells_.cell(block * Shape::cells);
         source_ = first_ + threadIdx.x < end_ ? cells_.order[first_ + threadIdx.x] : 0;
-        if (threadIdx.x <= Shape::cells) begins()[threadIdx.x] = begin_;
-        if constexpr (In::gathers) tiles_.read_values(grid, block);
+        if (threadIdx.x <= Shape::cells)
+            begins()[threadIdx.x] = threadIdx.x < 32             ? begin_[0]
+                                    : threadIdx.x < Shape::cells ? begin_[1]
+                                                                 : end_;
+        if constexpr (In::gathers) tiles_.read_values(grid, block, cell_with_items());
         __syncthreads();
     }
 
@@ -169,6 +174,14 @@ public:
     }
 
 private:
+    /// A cell that has items, if one of the block has: the last one of those that begin with its first item.
+    /// Each warp finds it for itself.
+    __device__ int cell_with_items() const
+    {
+        int begin_so = 0;
+        for (std::uint32_t const begin : begin_) begin_so += __popc(__ballot_sync(~0u, begin == first_));
+        return begin_so - 1;
+    }
     __device__ std::uint32_t* begins() const
     {
         return reinterpret_cast<std::uint32_t*>(shared_memory() + In::begins);
@@ -349,8 +362,8 @@ private:
     typename Order::View const& cells_;
     SharedTiles<GridType> tiles_;
     Coordinates<d> origin_;
-    std::uint32_t first_, end_; ///< of the block's items
-    std::uint32_t begin_;       ///< of those of the thread's cell
+    std::uint32_t first_, end_;              ///< of the block's items
+    std::uint32_t begin_[Shape::cells / 32]; ///< of those of cells: in each half of the block, the lane's
     std::uint32_t source_ = 0, chunk_ = 0, count_ = 0;
 };
 

@@ -84,14 +84,14 @@ struct SharedTiles
         }
     }
 
-    /// Loads the node values under a block of cells, relative to that of one in the middle, which lies behind
-    /// them: so its weights, which add up to one but for rounding, do not round what all nodes have in
-    /// common.
-    __device__ void read_values(typename GridType::View const& grid, std::uint32_t block) const
+    /// Loads the node values under a block of cells, relative to that of a node amid the stencil of one of
+    /// its cells, which lies behind them: so its weights, which add up to one but for rounding, do not round
+    /// what all nodes have in common. The cell must have items: the value of a node without mass is zero.
+    __device__ void read_values(typename GridType::View const& grid, std::uint32_t block, int cell) const
     {
-        Coordinates<d> middle;
-        for (int a = 0; a < d; ++a) middle[a] = Tile::width / 2;
-        Values const reference = value_at(grid, block, middle);
+        Coordinates<d> amid = Shape::cell(cell);
+        for (int a = 0; a < d; ++a) amid[a] += (Tile::width - Shape::extent + 1) / 2;
+        Values const reference = value_at(grid, block, amid);
         if (threadIdx.x == 0) values[Tile::nodes] = reference;
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Coordinates<d> node;
