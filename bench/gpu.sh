@@ -109,10 +109,15 @@ part cuda_every_loop ./cuda_every_loop & beside+=($!)
 # tests take long is divided. cuda_fault runs by itself, once all others are through.
 at_once=4
 running=()
-finish() { # COUNT: waits until fewer than so many run
+finish() { # COUNT: waits until fewer than so many run, whichever end first
+    local pid others
     while [ ${#running[@]} -ge "$1" ]; do
-        wait "${running[0]}" || failed=yes
-        running=("${running[@]:1}")
+        others=()
+        for pid in "${running[@]}"; do
+            if kill -0 "$pid" 2>/dev/null; then others+=("$pid"); else wait "$pid" || failed=yes; fi
+        done
+        running=(${others[@]+"${others[@]}"})
+        [ ${#running[@]} -lt "$1" ] || sleep 0.5
     done
 }
 begin() { # NAME COMMAND...: see part
