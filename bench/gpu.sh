@@ -62,7 +62,7 @@ leave() { # no background job outlives the script; how long nvcc took for each u
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_device cuda_hard_cases cuda_models cuda_agreement cuda_scenes cuda_physics cuda_devices cuda_fault $all"
+programs="cuda_device cuda_devices cuda_fault cuda_hard_cases cuda_models cuda_agreement cuda_scenes cuda_physics $all"
 for program in cuda_every_loop $programs; do rm -f "$tests/$program"; done # or those of an earlier run would be tested
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &

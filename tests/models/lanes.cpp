@@ -51,7 +51,7 @@ TEMPLATE_LIST_TEST_CASE("a backend's lanes are answered as each number is", "", 
     for (double size : {0.2, 0.01}) CHECK(difference_from_numbers<TestType>(size) <= 1e-11);
 }
 
-#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
+#if defined(FIRN_TESTS_ALL)
 using FloatMaterials = Tested<AllModels<PlaneFloat>, AllModels<SolidFloat>>;
 #else
 using FloatMaterials = Tested<AllModels<SolidFloat>>;
