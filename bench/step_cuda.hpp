@@ -121,7 +121,25 @@ void add_million()
         add_step<Model, QuadraticBSpline, Transfer>(layout_names[int(layout)], layout, 1000000);
 }
 
-void add_plastic_materials(); ///< step_cuda_plastic.cu: its own file, to be compiled beside the others
+/// All layouts in some sizes, and for 1 million random particles also step/…/random/COURANT/PARTICLES: cells
+/// per step.
+template <class Model, class Kernel, class Transfer>
+void add_layouts()
+{
+    for (Layout layout : {Layout::lattice, Layout::jittered, Layout::random, Layout::splash})
+        for (int count : {10000, 125000, 1000000, 8000000, 64000000})
+            if (layout != Layout::splash || count <= 1000000)
+                add_step<Model, Kernel, Transfer>(layout_names[int(layout)], layout, count);
+    for (int count : {10000, 125000, 1000000, 8000000}) // twice as long, so that as many leave their cells
+        add_step<Model, Kernel, Transfer>("jittered/advance", Layout::jittered, count, courant / 2,
+                                          Length::automatic);
+    for (double number : {0.03, 0.29}) // 0.3 is where a step is beyond the stable one
+        add_step<Model, Kernel, Transfer>("random/" + std::to_string(number).substr(0, 4), Layout::random,
+                                          1000000, number);
+}
+
+void add_cubic_and_double();  ///< step_cuda_cubic.cu: its own file, to be compiled beside the others
+void add_plastic_materials(); ///< step_cuda_plastic.cu: likewise
 void add_transfers();         ///< step_cuda_transfers.cu: the same
 void add_launches();          ///< launches_cuda.cu
 
