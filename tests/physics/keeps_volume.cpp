@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <type_traits>
 #include <vector>
 
 // Fluids whose particles are moved to fill the volume that their states say.
@@ -184,6 +185,168 @@ TEST_CASE("what is a little inside a small obstacle is moved out, wherever both 
     CHECK(depth_after_corrections<TestedBackend>() < 1e-3);
 #if defined(FIRN_TESTS_ON_OPENMP)
     CHECK(depth_after_corrections<BasicOpenMP<openmp::ScalarLanes>>() < 1e-3);
+#endif
+}
+
+namespace
+{
+
+constexpr double cell = 0.02; ///< [m]
+
+/// A box of this half size in a plane that is turned and moved [degrees, cells].
+Obstacle<Box> board(Eigen::Vector2d const& half, Eigen::Vector2d const& centre, double degrees)
+{
+    Eigen::Vector2d const at = centre * cell;
+    return {.shape = {{half.x() * cell, half.y() * cell, 1}},
+            .motion = {.position = {at.x(), at.y(), 0},
+                       .orientation = Eigen::Quaterniond(
+                           Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d::UnitZ()))}};
+}
+/// How deep a place is inside an obstacle [m].
+template <class Shape>
+double depth_in(Obstacle<Shape> const& obstacle, Eigen::Vector2d const& x)
+{
+    Eigen::Vector3d const away(x.x() - obstacle.motion.position.x(), x.y() - obstacle.motion.position.y(), 0);
+    Eigen::Vector2d const own = (obstacle.motion.orientation.inverse() * away).template head<2>();
+    return -obstacle.shape.template surface<double, 2>(own).distance;
+}
+
+struct Found
+{
+    double deeper = -1e9;   ///< the most that a correction led a particle deeper into any solid
+    std::size_t inside = 0; ///< of them all, after the last correction
+};
+/// What corrections do with particles that lie far too densely where they are [cells].
+template <class Backend, class Shape, class Depth>
+Found correct(std::vector<Obstacle<Shape>> const& solids, std::vector<Eigen::Vector2d> const& points,
+              Depth const& depth)
+{
+    StillWater water = materials::water<Plane>(3);
+    water.interval = 0;
+    Solver<Backend, StillWater, QuadraticBSpline, Mls> solver(lattice(cell), water);
+    solver.add(points, cell * cell / 4);
+    double const dt = 0.2 * solver.stable_step();
+    Found found;
+    Obstacles<Shape, ActsOn::surface> const list{solids};
+    auto before = solver.positions();
+    for (int correction = 0; correction < 20; ++correction) {
+        solver.steps(1, dt, list);
+        auto const now = solver.positions();
+        found.inside = 0;
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            double const end = depth(now[i]) / cell;
+            found.inside += end > 2e-3;
+            if (end > 2e-3) found.deeper = std::max(found.deeper, end - depth(before[i]) / cell);
+        }
+        before = now;
+    }
+    return found;
+}
+template <class Backend, class Shape>
+Found correct(std::vector<Obstacle<Shape>> const& solids, std::vector<Eigen::Vector2d> const& points)
+{
+    return correct<Backend>(solids, points, [&](Eigen::Vector2d const& x) {
+        double depth = -1e9;
+        for (auto const& solid : solids) depth = std::max(depth, depth_in(solid, x));
+        return depth;
+    });
+}
+
+/// Squeezed by so much, the lowest layer 0.45 cells in a floor of boards that abut and are so long [cells].
+template <class Backend>
+void check_floor(double squeezed, double degrees, double of_tile)
+{
+    CAPTURE(squeezed, degrees, of_tile);
+    Eigen::Rotation2Dd const turn(degrees * M_PI / 180);
+    std::vector<Eigen::Vector2d> points;
+    for (double x = -5; x < 5; x += 0.5 * squeezed)
+        for (double y = -0.45; y < 4; y += 0.5 * squeezed)
+            points.push_back(turn * Eigen::Vector2d(x, y) * cell);
+    std::vector<Obstacle<Box>> floor;
+    for (double x = -20; x < 20; x += of_tile)
+        floor.push_back(board({0.5 * of_tile, 1}, turn * Eigen::Vector2d(x + 0.5 * of_tile, -1), degrees));
+    Found const found =
+        correct<Backend>(floor, points, [&](Eigen::Vector2d const& x) { return -(turn.inverse() * x).y(); });
+    CHECK(found.deeper < 1e-3);
+    CHECK(found.inside == 0);
+}
+
+template <class Backend>
+void check_no_shift_leads_deeper()
+{
+    check_floor<Backend>(0.7, 0, 40);
+    check_floor<Backend>(0.9, 23, 40);
+    check_floor<Backend>(0.7, 23, 5);
+    check_floor<Backend>(0.9, 0, 1.25);
+
+    // two boards in a concave corner, and some that form an angle of 60, 30 or 15 degrees
+    for (double const degrees : {17.0, 45.0}) {
+        CAPTURE(degrees);
+        Eigen::Rotation2Dd const turn(degrees * M_PI / 180);
+        std::vector<Eigen::Vector2d> points;
+        for (double x = -0.45; x < 1; x += 0.1)
+            for (double y = -0.45; y < 1; y += 0.1)
+                if (x < 0 || y < 0) points.push_back(turn * Eigen::Vector2d(x, y) * cell);
+        Found const found =
+            correct<Backend>(std::vector{board({10, 1}, turn * Eigen::Vector2d(0, -1), degrees),
+                                         board({1, 10}, turn * Eigen::Vector2d(-1, 0), degrees)},
+                             points);
+        CHECK(found.deeper < 1e-3);
+        CHECK(found.inside == 0);
+    }
+    for (double const angle : {60.0, 30.0, 15.0}) {
+        CAPTURE(angle);
+        double const half = angle / 2 * M_PI / 180;
+        Eigen::Vector2d const along(std::sin(half), std::cos(half)), in(std::cos(half), -std::sin(half)),
+            right = 8 * along + in, left(-right.x(), right.y());
+        std::vector<Eigen::Vector2d> points;
+        for (double s = 1; s < 8; s += 0.37)
+            for (double const depth : {0.05, 0.2, 0.4})
+                for (double const side : {-1.0, 1.0}) {
+                    Eigen::Vector2d const x = s * along + depth * in;
+                    points.emplace_back(side * x.x() * cell, x.y() * cell);
+                }
+        Found const found = correct<Backend>(
+            std::vector{board({1, 10}, right, -angle / 2), board({1, 10}, left, angle / 2)}, points);
+        CHECK(found.deeper < 1e-3);
+        CHECK(found.inside == 0);
+    }
+    // waves of four cells' height and six cells' length; distances from them are estimates
+    std::vector<double> heights;
+    for (int i = 0; i < 100; ++i) heights.push_back(2 * cell * std::sin(M_PI * i / 6));
+    HeightField<double, 2> const hills({0}, 0.5 * cell, {100}, heights);
+    auto const there = hills.on(Backend{});
+    std::vector<Obstacle<std::decay_t<decltype(there)>>> const waves{{.shape = there}};
+    std::vector<Eigen::Vector2d> points;
+    for (double x = 10; x < 40; x += 0.3) {
+        double const phase = M_PI * x / 3, slope = 2 * M_PI / 3 * std::cos(phase);
+        points.emplace_back(x * cell, cell * (2 * std::sin(phase) - 0.3 * std::sqrt(1 + slope * slope)));
+    }
+    Found const found =
+        correct<Backend>(waves, points, [&](Eigen::Vector2d const& x) { return -hills.surface(x).distance; });
+    CHECK(found.deeper < 1e-3);
+    CHECK(found.inside == 0);
+
+    // from within two disks there is hardly a way out, nor from deep in a board
+    points.clear();
+    for (double y = -1; y < 1; y += 0.05) points.emplace_back(0.01 * cell, y * cell);
+    Obstacle<Sphere> const disk{.shape = {2 * cell}, .motion = {.position = {1.7 * cell, 0, 0}}};
+    Obstacle<Sphere> other = disk;
+    other.motion.position *= -1;
+    CHECK(correct<Backend>(std::vector{disk, other}, points).deeper < 1e-3);
+    points.clear();
+    for (double x = -4; x < 4; x += 0.35)
+        for (double y = -0.9; y < 3; y += 0.35) points.emplace_back(x * cell, y * cell);
+    CHECK(correct<Backend>(std::vector{board({20, 4}, {0, -4}, 0)}, points).deeper < 1e-3);
+}
+
+} // namespace
+
+TEST_CASE("no correction leads water deeper into solids, however densely it lies", "[physics][volume]")
+{
+    check_no_shift_leads_deeper<TestedBackend>();
+#if defined(FIRN_TESTS_ON_OPENMP)
+    check_no_shift_leads_deeper<BasicOpenMP<openmp::ScalarLanes>>();
 #endif
 }
 

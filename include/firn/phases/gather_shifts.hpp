@@ -33,7 +33,7 @@ using ShiftsOf =
     std::conditional_t<KeepsItsVolume<Model>, FieldsById<Number const, d, Fields<VolumeShift>>, NoShifts>;
 
 /// Particles gather the gradient of the potential that nodes have in the first channel of their values, which
-/// is how far they are moved, but into no solid.
+/// is how far they are moved, but into no solid: see KeepOutOfSolids.
 template <class Space, class Kernel, class PersistentFields, class Effects>
 struct GatherShifts
 {
@@ -114,7 +114,7 @@ struct GatherShifts
         Record<Real, d, Fields<VolumeShift>> found;
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) found[VolumeShift{}][a] = min(max(items.scratch(d + a), -bound), bound);
-        if constexpr (Effects::groups_at_surface > 0) keep_out<Real>(items, bound, found[VolumeShift{}]);
+        if constexpr (Effects::groups_at_surface > 0) keep_out<Real>(items, found[VolumeShift{}]);
         shifts.store(items, particles.id, found);
     }
 
@@ -122,7 +122,7 @@ private:
     /// Lanes that are near a solid are kept out of it, one by one: each looks up the obstacles near its own
     /// cell.
     template <class Real, class Items>
-    FIRN_HOST_DEVICE void keep_out(Items const& items, Real bound, Vector<Real, d>& shift) const
+    FIRN_HOST_DEVICE void keep_out(Items const& items, Vector<Real, d>& shift) const
     {
         constexpr int width = lane_width<Real>;
         constexpr Number to_node = Number(0.5 - cell_shift(Kernel::degree));
@@ -159,10 +159,10 @@ private:
                 place.offset[a] = offsets[a][lane] + to_node;
                 way[a] = ways[a][lane] * cell;
             }
-            way = solids(place, way);
+            way = solids(place, way, static_cast<Number>(most) * cell);
             for (int a = 0; a < d; ++a) ways[a][lane] = way[a] / cell;
         });
-        for (int a = 0; a < d; ++a) shift[a] = min(max(LaneTraits<Real>::load(ways[a]), -bound), bound);
+        for (int a = 0; a < d; ++a) shift[a] = LaneTraits<Real>::load(ways[a]);
     }
 
     template <class Real, class Items>

@@ -17,8 +17,9 @@ namespace firn
 /// Where material flows along a surface and leaves it, as below a jet that a wall turns, velocities grow with
 /// the distance from the surface, on both sides of it: what is a little inside is driven deeper. So a shift
 /// that ends in a solid by less than half a cell goes on until it is out of it. A face that lies inside
-/// another solid is no surface. A shift that ends deeper is left as it is, since the nearest face may be that
-/// at the solid's back.
+/// another solid is no surface. A particle that does not come out so comes out by the nearest way without its
+/// shift. One that finds no way, or lies deeper, where the nearest face may be that at the solid's back, is
+/// not moved. So no shift leads deeper into a solid.
 template <class Number, int d, class Effects>
 struct KeepOutOfSolids
 {
@@ -39,47 +40,105 @@ struct KeepOutOfSolids
         return near;
     }
 
-    /// `way` [m] as it is to be, from a place at the beginning of the step.
+    /// `shift` [m] as it is to be, from a place at the beginning of the step: no component of it is larger
+    /// than `bound`.
     FIRN_HOST_DEVICE Vector<Number, d> operator()(LanePosition<Number, d> const& place,
-                                                  Vector<Number, d> way) const
+                                                  Vector<Number, d> const& shift, Number bound) const
     {
-        constexpr int passes = 4; // in a corner one solid moves particles into the other
-        bool moves = true;
-        for (int pass = 0; pass < passes && moves; ++pass) {
-            moves = false;
-            for_each_solid(place, [&](auto const& solid) {
-                if (!solid.on_particles && push_out(place, solid, way)) moves = true;
-            });
+        Vector<Number, d> way = shift;
+        for (bool const in_parts : {false, true}) { // the nearest way may take several corrections
+            if (lead_out(place, way)) {
+                Number const most = largest_component<Number, d>(way);
+                if (!(most > bound)) return way;
+                way *= bound / most;
+                if (!leads_deeper(place, way, in_parts)) return way;
+            }
+            way = zeros<Vector<Number, d>>();
         }
         return way;
     }
 
 private:
     using At = SurfaceAt<Number, d>;
-    /// In cells; a solid's surface moves by less than `moves_less` in a step.
-    static constexpr Number deepest = Number(0.5), little = Number(0.02), moves_less = Number(0.5);
+    /// In cells; a solid's surface moves by less than `moves_less` in a step, and what lies inside by less
+    /// than `rounding` is at its surface.
+    static constexpr Number deepest = Number(0.5), little = Number(0.02), moves_less = Number(0.5),
+                            rounding = Number(5e-4);
 
     template <class Use>
     FIRN_HOST_DEVICE void for_each_solid(LanePosition<Number, d> const& place, Use const& use) const
     {
-        for_each_solid_at_surface(now->actions, place, static_cast<Number>(place.lattice.cell_size),
-                                  [&](std::uint32_t, auto const& solid) { use(solid); });
+        for_each_solid_at_surface(now->actions, place, static_cast<Number>(place.lattice.cell_size), use);
+    }
+
+    /// Where a way ends, as it is relative to a solid: that goes on in the step, and the particle with it.
+    struct End
+    {
+        Vector<Number, d> way;
+        At at;
+    };
+    template <class Solid>
+    FIRN_HOST_DEVICE End end_of(LanePosition<Number, d> const& place, Solid const& solid,
+                                Vector<Number, d> const& way) const
+    {
+        End end{way, solid.template surface_at<Number>(place, way)};
+        if (!(end.at.distance < in_metres(place, moves_less))) return end;
+        end.way += solid.template velocity_at<Number>(end.at.arm) * now->dt;
+        end.at = solid.template surface_at<Number>(place, end.way);
+        return end;
+    }
+    /// Whether it is in the solid, or between this one and another at the same face.
+    FIRN_HOST_DEVICE bool is_inside(LanePosition<Number, d> const& place, std::uint32_t solid,
+                                    End const& end) const
+    {
+        Number const least = in_metres(place, rounding);
+        return end.at.distance < -least ||
+               (end.at.distance < least && !is_free(place, end.way, end.at.normal, solid));
+    }
+
+    /// Lengthens a way until it ends in no solid. Returns whether it does.
+    FIRN_HOST_DEVICE bool lead_out(LanePosition<Number, d> const& place, Vector<Number, d>& way) const
+    {
+        // in a corner one solid moves particles into the other, and distances may be estimates
+        constexpr int passes = 5;
+        for (int pass = 0; pass < passes; ++pass) {
+            bool ends_inside = false, moves = false;
+            for_each_solid(place, [&](std::uint32_t number, auto const& solid) {
+                if (solid.on_particles) return;
+                End const end = end_of(place, solid, way);
+                if (!is_inside(place, number, end)) return;
+                ends_inside = true;
+                if (push_out(place, number, solid, end, way)) moves = true;
+            });
+            if (!moves) return !ends_inside;
+        }
+        return false;
+    }
+
+    /// Whether a way ends in a solid; `in_parts`, whether it is deeper there than where it began.
+    FIRN_HOST_DEVICE bool leads_deeper(LanePosition<Number, d> const& place, Vector<Number, d> const& way,
+                                       bool in_parts) const
+    {
+        bool is_deeper = false;
+        for_each_solid(place, [&](std::uint32_t number, auto const& solid) {
+            if (is_deeper || solid.on_particles) return;
+            End const end = end_of(place, solid, way);
+            if (!is_inside(place, number, end)) return;
+            At const from = end_of(place, solid, zeros<Vector<Number, d>>()).at;
+            is_deeper = !in_parts || end.at.distance < from.distance - in_metres(place, rounding);
+        });
+        return is_deeper;
     }
 
     /// Lengthens the way to the face through which it leads into a solid. Returns whether it did.
     template <class Solid>
-    FIRN_HOST_DEVICE bool push_out(LanePosition<Number, d> const& place, Solid const& solid,
-                                   Vector<Number, d>& way) const
+    FIRN_HOST_DEVICE bool push_out(LanePosition<Number, d> const& place, std::uint32_t number,
+                                   Solid const& solid, End const& ending, Vector<Number, d>& way) const
     {
-        Number const cell = static_cast<Number>(place.lattice.cell_size);
-        At at = solid.template surface_at<Number>(place, way);
-        if (!(at.distance < moves_less * cell)) return false;
-        // the solid goes on in the step, and the particle with it
-        Vector<Number, d> const end = way + solid.template velocity_at<Number>(at.arm) * now->dt;
-        at = solid.template surface_at<Number>(place, end);
-        if (!(at.distance < Number(0)) || !(at.distance > -deepest * cell)) return false;
+        auto const& [end, at] = ending;
+        if (!(at.distance > -in_metres(place, deepest))) return false;
         Vector<Number, d> const nearest = at.normal * -at.distance;
-        if (is_free(place, Vector<Number, d>(end + nearest), at.normal)) {
+        if (is_free(place, Vector<Number, d>(end + nearest), at.normal, number)) {
             way += nearest;
             return true;
         }
@@ -88,10 +147,9 @@ private:
         bool has_found = dot<Number, d>(found, found) > Number(0) &&
                          is_free(place, Vector<Number, d>(end + found), direction(found));
         // or as a floor below the edge of a wall: out of that, too
-        for_each_solid(place, [&](auto const& other) {
-            Vector<Number, d> const foot = end + nearest;
-            if (has_found || !is_in(place, other, Vector<Number, d>(foot + at.normal * (little * cell))))
-                return;
+        Vector<Number, d> const foot = end + nearest, above = foot + at.normal * in_metres(place, little);
+        for_each_solid(place, [&](std::uint32_t, auto const& other) {
+            if (has_found || !is_in(place, other, above)) return;
             Vector<Number, d> const beside = out_of(place, other, foot, at.normal);
             if (!(dot<Number, d>(beside, beside) > Number(0))) return;
             has_found = is_free(place, Vector<Number, d>(foot + beside),
@@ -109,7 +167,7 @@ private:
                                               Vector<Number, d> const& way,
                                               Vector<Number, d> const& towards) const
     {
-        Number const far = deepest * static_cast<Number>(place.lattice.cell_size);
+        Number const far = in_metres(place, deepest);
         At const there = solid.template surface_at<Number>(place, Vector<Number, d>(way + towards * far));
         Number const turned = dot<Number, d>(there.normal, towards), depth = turned * far - there.distance;
         bool const counts = abs(turned) < Number(0.9) && depth > Number(0) && depth < far;
@@ -124,17 +182,23 @@ private:
     FIRN_HOST_DEVICE static bool is_in(LanePosition<Number, d> const& place, Solid const& solid,
                                        Vector<Number, d> const& way)
     {
-        return solid.template surface_at<Number>(place, way).distance < Number(0);
+        return solid.template surface_at<Number>(place, way).distance < -in_metres(place, rounding);
     }
-    /// Whether the place behind a way, and a little in this direction, lies in no solid.
+    static constexpr std::uint32_t none = ~std::uint32_t(0);
+    /// Whether the place behind a way, and a little in this direction, lies in no solid but perhaps this one.
     FIRN_HOST_DEVICE bool is_free(LanePosition<Number, d> const& place, Vector<Number, d> const& way,
-                                  Vector<Number, d> const& towards) const
+                                  Vector<Number, d> const& towards, std::uint32_t but = none) const
     {
-        Vector<Number, d> const there =
-            way + towards * (little * static_cast<Number>(place.lattice.cell_size));
+        Vector<Number, d> const there = way + towards * in_metres(place, little);
         bool is = true;
-        for_each_solid(place, [&](auto const& solid) { is = is && !is_in(place, solid, there); });
+        for_each_solid(place, [&](std::uint32_t number, auto const& solid) {
+            is = is && (number == but || !is_in(place, solid, there));
+        });
         return is;
+    }
+    FIRN_HOST_DEVICE static Number in_metres(LanePosition<Number, d> const& place, Number cells)
+    {
+        return cells * static_cast<Number>(place.lattice.cell_size);
     }
 };
 
