@@ -62,7 +62,7 @@ leave() { # no background job outlives the script; how long nvcc took for each u
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_device cuda_devices cuda_fault cuda_hard_cases cuda_models cuda_agreement cuda_scenes cuda_physics $all"
+programs="cuda_device cuda_devices cuda_fault cuda_hard_cases cuda_surfaces cuda_models cuda_agreement cuda_scenes cuda_physics $all"
 for program in cuda_every_loop $programs; do rm -f "$tests/$program"; done # or those of an earlier run would be tested
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
@@ -107,7 +107,7 @@ watch initcheck 2
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
 # Programs that are complete run beside one another, as these do: small scenes leave most of the device idle. One whose
 # tests take long is divided. cuda_fault runs by itself, once all others are through.
-at_once=4
+at_once=6
 running=()
 finish() { # COUNT: waits until fewer than so many run, whichever end first
     local pid others
@@ -128,9 +128,9 @@ for program in $programs; do
     built $program
     case $program in
         cuda_fault) ;;
-        cuda_models | cuda_physics)
-            for shard in 0 1 2 3; do
-                begin ${program}_$shard ./$program '~[memory]' --shard-count 4 --shard-index $shard
+        cuda_surfaces | cuda_models | cuda_physics)
+            for shard in 0 1 2 3 4 5; do
+                begin ${program}_$shard ./$program '~[memory]' --shard-count 6 --shard-index $shard
             done ;;
         *) begin $program ./$program '~[memory]' ;;
     esac
