@@ -427,6 +427,24 @@ TEST_CASE("an implicit step in which gravity would shear a stiff beam without bo
     CHECK(hangs([&](auto& beam) { beam.step(1, Gravity{}, clamp); }) == Approx(at_rest).epsilon(0.01));
 }
 
+TEST_CASE(
+    "a search queues the products that a residual which falls lets it expect, and not many at its start")
+{
+    SearchState search{.first = 1, .enough = 1e-4};
+    CHECK(search.expected(2000) == 2);
+    search.products = 10;
+    search.rz = 1e-2; // half of the way in ten of them
+    CHECK(search.expected(2000) == Approx(10).margin(1));
+    CHECK(search.expected(4) == 4);
+    search.products = 2;
+    search.rz = 0.999; // it would take thousands
+    CHECK(search.expected(2000) == 16);
+    search.products = 100;
+    CHECK(search.expected(2000) == 200);
+    search.rz = 2; // it rises
+    CHECK(search.expected(2000) == 1);
+}
+
 TEST_CASE("implicit steps have the same bits in every run, and on any number of threads")
 {
     auto const run = [](auto const& backend) {
