@@ -20,7 +20,7 @@ TEMPLATE_LIST_TEST_CASE("steps that are queued together are those that are taken
         CHECK(first.substeps > 10);
         auto const second =
             scene.solver.advance(0.001 * sample_of(15, 30), Gravity{}, scene.floor, scene.sphere);
-        return std::tuple{told(first), told(second), state(scene.solver)};
+        return std::tuple{told(first), told(second), state_of(scene.solver)};
     };
     auto const one_by_one = run(1);
     for (std::size_t batch : {2, 5, 64}) CHECK((run(batch) == one_by_one)); // not to be printed
@@ -33,7 +33,7 @@ TEST_CASE("so are those of a run with rejected steps")
             batch, 60, {.deformation = 0.09, .rejection = 0.1});
         auto const report = scene.solver.advance(0.01, scene.floor);
         CHECK(report.rejected > 0);
-        return std::tuple{told(report), state(scene.solver)};
+        return std::tuple{told(report), state_of(scene.solver)};
     };
     auto const one_by_one = run(1);
     for (std::size_t batch : {3, 64}) CHECK((run(batch) == one_by_one));
@@ -71,9 +71,9 @@ TEST_CASE("a failed step in the middle of a batch leaves the state of the last g
         }
         CHECK(!error.empty());
         CHECK(scene.solver.time() > 0);
-        auto const stopped = state(scene.solver);
+        auto const stopped = state_of(scene.solver);
         scene.solver.step(1e-6);
-        return std::tuple{error, stopped, state(scene.solver)};
+        return std::tuple{error, stopped, state_of(scene.solver)};
     };
     auto const one_by_one = run(1);
     for (std::size_t batch : {4, 64}) CHECK((run(batch) == one_by_one));

@@ -39,7 +39,7 @@ inline auto told(StepReport const& report)
 }
 
 template <class Solver>
-auto state(Solver const& solver)
+auto state_of(Solver const& solver)
 {
     return std::tuple{solver.time(), solver.positions(), solver.template download<Velocity>(),
                       solver.template download<DisplacementGradient>()};

@@ -61,7 +61,7 @@ auto meet_many(std::size_t batch, double speed, StepControl control)
     for (auto const& each :
          scene.solver.steps(sample_of(8, 20), 0.2 * second.smallest_dt, Gravity{}, solids, bubbles))
         equal.push_back(told(each));
-    return std::tuple{told(first), told(second), equal, state(scene.solver)};
+    return std::tuple{told(first), told(second), equal, state_of(scene.solver)};
 }
 
 } // namespace
@@ -116,7 +116,7 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
             for (auto const& report : solver.steps(steps, 2e-4, Gravity{})) all.push_back(told(report));
         else
             for (int i = 0; i < steps; ++i) all.push_back(told(solver.step(2e-4, Gravity{})));
-        return std::tuple{all, state(solver)};
+        return std::tuple{all, state_of(solver)};
     };
     CHECK((run(true) == run(false)));
 }
@@ -144,7 +144,7 @@ auto crumbs(int count, std::size_t batch)
     solver.add(flying, 1e-6, {35, 0.3, 0.1});
     std::vector<decltype(told(StepReport{}))> all;
     for (auto const& report : solver.steps(sample_of(9, 25), 2e-4, Gravity{})) all.push_back(told(report));
-    return std::tuple{all, state(solver)};
+    return std::tuple{all, state_of(solver)};
 }
 
 } // namespace
