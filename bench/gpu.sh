@@ -91,8 +91,8 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
 # In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_every_loop
-# Compute-sanitizer takes some milliseconds for each loop that is launched, and racecheck the most: one thread of the
-# host, so several parts of the program are watched beside one another.
+# Compute-sanitizer takes some milliseconds of one thread of the host for each loop that is launched, racecheck most. So
+# several parts of the program are watched beside one another.
 beside=()
 watch() { # TOOL COUNT: in so many parts
     local shard

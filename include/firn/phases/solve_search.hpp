@@ -28,7 +28,8 @@ struct SearchState
     bool has_ended = false;               ///< phases leave nodes alone
 
     /// How many more iterations it takes if residuals fall on as they fell so far, at least one. The first
-    /// few may hardly fall, which tells little of the others: so no more than 16, or twice as many as so far.
+    /// few residuals may hardly fall, which tells little of later ones: so the answer is at most twice the
+    /// number of iterations so far, or 16.
     int expected(int most) const
     {
         if (products == 0) return std::min(2, most);

@@ -174,8 +174,8 @@ public:
     }
 
 private:
-    /// A cell that has items, if one of the block has: the last one of those that begin with its first item.
-    /// Each warp finds it for itself.
+    /// A cell that has items, if one of the block has: the last of the cells that begin with the first item
+    /// of the block. Each warp finds it for itself.
     __device__ int cell_with_items() const
     {
         int begin_so = 0;
@@ -363,7 +363,7 @@ private:
     SharedTiles<GridType> tiles_;
     Coordinates<d> origin_;
     std::uint32_t first_, end_;              ///< of the block's items
-    std::uint32_t begin_[Shape::cells / 32]; ///< of those of cells: in each half of the block, the lane's
+    std::uint32_t begin_[Shape::cells / 32]; ///< of those of one cell in each half of the block
     std::uint32_t source_ = 0, chunk_ = 0, count_ = 0;
 };
 

@@ -84,9 +84,10 @@ struct SharedTiles
         }
     }
 
-    /// Loads the node values under a block of cells, relative to that of a node amid the stencil of one of
-    /// its cells, which lies behind them: so its weights, which add up to one but for rounding, do not round
-    /// what all nodes have in common. The cell must have items: the value of a node without mass is zero.
+    /// Loads the node values under a block of cells, relative to the value of one node, which is stored
+    /// behind them: so weights, which add up to one but for rounding, do not round what all nodes have in
+    /// common. That node lies amid the stencil of this cell of the block. The cell must have items, or the
+    /// node may have no mass, and then its value is zero.
     __device__ void read_values(typename GridType::View const& grid, std::uint32_t block, int cell) const
     {
         Coordinates<d> amid = Shape::cell(cell);
