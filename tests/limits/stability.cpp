@@ -158,7 +158,7 @@ void alternate_all(std::string const& name, int steps)
 
 /// A block that drifts by a thousandth of a cell a step, then by a millionth.
 template <class SceneType>
-void drift(std::string const& name, double stress, double energy)
+void drift(std::string const& name, double stress, double angle, double energy)
 {
     HardCase const H8{"H8"};
     typename SceneType::Solver solver{lattice(h)};
@@ -180,7 +180,7 @@ void drift(std::string const& name, double stress, double energy)
     go(1e-3, 10000);
     go(1e-6, 10000);
     H8.at_most(name + ": largest stress / wave modulus", most, stress);
-    H8.at_most(name + ": turn of the block", turn, energy);
+    H8.at_most(name + ": turn of the block", turn, angle);
     H8.at_most(name + ": change of kinetic energy", change, energy);
 }
 
@@ -341,8 +341,8 @@ TEST_CASE("H1: the same over 3 000 steps", "[.full]")
 
 TEST_CASE("H8: a block that drifts slowly keeps its energy, and gets no stress of it")
 {
-    drift<Soft>("double", 1e-10, 1e-10);
-    drift<SoftFloat>("float", 1e-5, 1e-4); // roundings that hardly change from step to step
+    drift<Soft>("double", 1e-10, 1e-10, 1e-10);
+    drift<SoftFloat>("float", 1e-7, 1e-5, 1e-4); // roundings that hardly change from step to step
 }
 
 TEST_CASE("H9: a rotating disk and a resting column after 20 000 steps in single precision")
