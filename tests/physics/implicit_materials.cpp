@@ -253,20 +253,74 @@ TEST_CASE("a column between walls settles in the same way wherever they lie amon
             }
 }
 
-// Nodes beside a wall are found anew where the next call has other walls.
+// Nodes beside a wall are found anew where the next call has other walls, or where a state is restored that
+// lies elsewhere.
 TEST_CASE("implicit steps see where the walls of each call are")
 {
     constexpr double h = 0.125;
     using Block = Solver<TestedBackend, NeoHookean<Plane>, QuadraticBSpline, Mls, Implicit>;
-    auto const fallen = [&](bool afresh) {
-        Block block(lattice(h), of_moduli<NeoHookean<Plane>>());
-        block.add(box_of_points<2>({0, 0}, {1, 1}, h), h * h / 4);
-        ReflectingWall const floor{.axis = 1}, left{.axis = 0}, right{.axis = 0, .node = 8, .side = -1};
-        block.step(0.01, Gravity{}, floor, left);
-        if (afresh) block.restore(block.snapshot()); // whose grid has seen no walls
-        block.step(0.01, Gravity{}, floor, right);
-        return block.positions();
+    ReflectingWall const floor{.axis = 1}, left{.axis = 0}, right{.axis = 0, .node = 8, .side = -1};
+    auto const block = [&](int cells_above) {
+        Block one(lattice(h), of_moduli<NeoHookean<Plane>>());
+        one.add(box_of_points<2>({0, cells_above * h}, {1, 1 + cells_above * h}, h), h * h / 4);
+        return one;
     };
-    auto const once = fallen(false), afresh = fallen(true);
-    for (std::size_t i = 0; i < once.size(); ++i) CHECK((once[i] - afresh[i]).norm() < 1e-9);
+    auto const check_same = [&](Block const& once, Block const& afresh) {
+        auto const x = once.positions(), y = afresh.positions();
+        for (std::size_t i = 0; i < x.size(); ++i) CHECK((x[i] - y[i]).norm() < 1e-9);
+    };
+    auto once = block(0), afresh = block(0);
+    once.step(0.01, Gravity{}, floor, left);
+    afresh.restore(once.snapshot()); // whose grid has seen no walls
+    for (Block* const each : {&once, &afresh}) each->step(0.01, Gravity{}, floor, right);
+    check_same(once, afresh);
+    for (int const cells_above : {3, 16, 0}) {
+        auto other = block(cells_above);
+        once.restore(other.snapshot());
+        for (Block* const each : {&once, &other}) each->step(0.01, Gravity{}, floor, right);
+        check_same(once, other);
+    }
+}
+
+// Without coarse grids nothing is kept, so that shows what is saved. 64 directions and their products are
+// kept, as vectors of at least 60 numbers.
+TEST_CASE("in small scenes the directions of earlier linear systems save products, and rest is the same")
+{
+    constexpr double h = 0.125;
+    struct Settled
+    {
+        std::vector<Eigen::Vector2d> positions;
+        int products;
+        std::size_t bytes;
+    };
+    auto const settled = [&](bool keeps, int wide, bool stiff_inside, auto const&... effects) {
+        using Solid = Heterogeneous<NeoHookean<Plane>>;
+        Solver<TestedBackend, Solid, CubicBSpline, Mls, Implicit> solver(
+            lattice(h), of_moduli<Solid>(), {Mls{}, {.share = 1e-3, .coarse = keeps}});
+        solver.add(box_of_points<2>({0, 0}, {wide * h, 1}, h), h * h / 4);
+        if (stiff_inside) {
+            auto stiffness = solver.template download<Stiffness>();
+            auto const x = solver.positions();
+            for (std::size_t i = 0; i < x.size(); ++i)
+                stiffness[i] = std::abs(x[i].y() - 0.5) < 2 * h && x[i].x() > h ? 100 : 1;
+            solver.template upload<Stiffness>(stiffness);
+        }
+        auto const report = solver.settle(Gravity{}, effects...);
+        CHECK(report.solve.converged);
+        return Settled{solver.positions(), report.solve.products, solver.memory()};
+    };
+    auto const compare = [&](double share, int wide, bool stiff_inside, auto const&... effects) {
+        CAPTURE(wide, stiff_inside);
+        auto const kept = settled(true, wide, stiff_inside, effects...),
+                   alone = settled(false, wide, stiff_inside, effects...);
+        for (std::size_t i = 0; i < kept.positions.size(); ++i)
+            CHECK((kept.positions[i] - alone.positions[i]).norm() < 1e-4);
+        if (!TestedBackend::reaches_host_memory) return;
+        CHECK(kept.products <= share * alone.products);
+        CHECK(kept.bytes >= alone.bytes + 2 * 64 * 60 * sizeof(Plane::Scalar));
+    };
+    ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = 2, .side = -1}, foot{.axis = 1};
+    compare(0.7, 2, false, left, right, foot);
+    compare(0.7, 2, true, left, right, foot);
+    compare(1, 6, false, Obstacle<HalfSpace>{.contact = Contact::coulomb(0.5)}); // which may let go
 }

@@ -6,6 +6,7 @@
 #include <firn/phases/solve_phase.hpp>
 #include <firn/phases/solve_search.hpp>
 #include <firn/time_stepping/coarse_grids.hpp>
+#include <firn/time_stepping/kept_directions.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/transfer/integrators.hpp>
 
@@ -30,10 +31,11 @@ public:
     static constexpr int d = Sets::Space::dimension;
 
     explicit SolveMemory(Backend const& backend)
-        : coarse(backend), search(backend), sums(backend), backend_(backend)
+        : coarse(backend), kept(backend), search(backend), sums(backend), backend_(backend)
     {}
 
     CoarseGrids<Backend, typename Sets::Space> coarse;             ///< that precondition
+    KeptDirections<Backend, typename Sets::Space> kept;            ///< by which small scenes precondition
     typename Backend::template ReadbackBuffer<SearchState> search; ///< where loops run
     typename Backend::template ReadbackBuffer<SolveSums<d>> sums;  ///< what the host reads of nodes
 
@@ -60,7 +62,10 @@ public:
     std::size_t memory() const
     {
         return std::apply(
-            [&](auto const&... own) { return (coarse.memory() + ... + (own ? own->memory() : 0)); }, trials_);
+            [&](auto const&... own) {
+                return ((coarse.memory() + kept.memory()) + ... + (own ? own->memory() : 0));
+            },
+            trials_);
     }
 
 private:

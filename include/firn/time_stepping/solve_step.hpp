@@ -83,6 +83,7 @@ class SolveStep
     using Memory = StepMemory<Backend, Sets, Transfer>;
     using Context = StepContext<Number, Actions>;
     using Sums = SolveSums<d>;
+    using Kept = KeptDirections<Backend, Space>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     template <std::size_t k, template <class, class, class, class, class> class Pass>
@@ -132,6 +133,8 @@ public:
         if (at_rest_ && start.held + start.touching == 0)
             return refuse("nothing holds the scene, so there is no state of rest to find");
         own_.coarse.clear();
+        own_.kept.clear();
+        touches_ = start.touching > 0;
         outside_ = std::sqrt(start.second / mass_);
         speed_ = at_rest_ ? 0 : std::sqrt(start.third / mass_);
         Sums at = residual();
@@ -317,12 +320,13 @@ private:
         ++report_.newton, ++report_.newton_of_step;
         auto const found =
             on_nodes(BesideWalls<AcceptVelocities<Space, Kernel, Transfer>, Actions>{{}, now_});
+        if constexpr (Kept::possible) own_.kept.template begin_system<Kernel, Transfer>();
         if (own_.coarse.are_there())
             own_.coarse.template weigh<Kernel, Transfer>(grid(), at_rest_, stiffness_of_kernel);
         own_.search.resize(1);
         SearchState* const search = own_.search.data();
-        condition();
-        call(found, BeginSearch{search, by_.forcing, own_.coarse.added()});
+        auto const conditioned = condition(found);
+        call(conditioned, BeginSearch{search, forcing(), own_.coarse.added()});
         SearchState now;
         for (int queued = 0; queued < by_.linear && !now.has_ended;) {
             int const ahead = Backend::queues ? now.expected(by_.linear - queued) : 1;
@@ -334,21 +338,32 @@ private:
         report_.passes += now.products;
         return now.slope;
     }
+    /// The share of its residual at which a search ends. Where directions are kept those of a longer search
+    /// are of use to the next ones, so this takes fewer systems and no more products.
+    double forcing() const { return own_.kept.are_kept() ? 0.3 * by_.forcing : by_.forcing; }
     /// An iteration of conjugate gradients.
     void iterate(SearchState* search)
     {
         on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
         pass<ProductOfStress>();
-        call(on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}), ChooseLength{search});
+        auto const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_});
+        call(curvature, ChooseLength{search});
+        if constexpr (Kept::possible)
+            if (own_.kept.are_kept()) own_.kept.template keep<Kernel, Transfer>(curvature.sum);
         auto const found =
             on_nodes(BesideWalls<AdvanceSearch<Space, Kernel, Transfer>, Actions>{{{}, search}, now_});
-        condition();
-        call(found, ChooseDirection{search, own_.coarse.added()});
+        auto const conditioned = condition(found);
+        call(conditioned, ChooseDirection{search, own_.coarse.added()});
     }
-    /// Completes the preconditioned residual z by what coarse grids find.
-    void condition()
+    /// Completes the preconditioned residual z by what coarse grids find, or earlier searches have found.
+    /// Returns r z without what coarse grids add, `found` being that of nodes.
+    template <class Found>
+    Found condition(Found found)
     {
         if (own_.coarse.are_there()) own_.coarse.template correct<Kernel, Transfer>(grid());
+        if constexpr (Kept::possible)
+            if (own_.kept.are_there()) found.sum = own_.kept.template condition<Kernel, Transfer>(touches_);
+        return found;
     }
     /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
     void make_coarse_grids()
@@ -357,6 +372,12 @@ private:
         for (int const period : memory_.lattice.periods) is_periodic = is_periodic || period != 0;
         if (!by_.coarse || is_periodic) return;
         own_.coarse.template begin<Kernel, Transfer>(scene_.sets, now_, grid(), scene_.smallest_node_mass);
+        if constexpr (Kept::possible)
+            if (auto const& extent = own_.coarse.extent(); extent.is_small())
+                own_.kept.template begin<Kernel, Transfer>(
+                    grid(), extent.first_node(), extent.last_node(), [&] {
+                        on_nodes(BesideWalls<MarkCounted<Space, Kernel, Transfer>, Actions>{{}, now_});
+                    });
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
@@ -430,6 +451,7 @@ private:
     SolveMemory<Backend, Sets>& own_;
     SolveReport& report_;
     bool at_rest_;
+    bool touches_ = false;                      ///< obstacles may let go of nodes, or rub
     double part_;                               ///< of the step, after which stress acts
     double dt_;                                 ///< until then [s]
     std::uint64_t held_ = 0;                    ///< nodes that obstacles hold which may let go, at rest

@@ -33,11 +33,12 @@ struct Implicit
     /// Of the change of velocity by outside forces in the step, or of a hundredth of the mean speed, if that
     /// is more. In Solver::settle a hundredth of this share is asked for.
     double share = 1e-2;
-    /// Conjugate gradients stop where their residual is below this share of the one that they began with.
+    /// Conjugate gradients stop where their residual is below this share of the one that they began with, or
+    /// below 0.3 of that in small scenes, whose directions are kept: see KeptDirections.
     double forcing = 0.1;
     int newton = 20;    ///< the most linear systems in a step; one more is a failed step
     int linear = 2000;  ///< the most products in a linear system; what is found until then is tried
-    bool coarse = true; ///< whether coarser grids precondition linear systems, too
+    bool coarse = true; ///< whether coarser grids precondition linear systems, too, or earlier directions
     /// The error of positions in a step of Solver::advance [m], the root of its mean square over the mass, as
     /// far as it is known from the trapezoidal rule, dt |v - v_before| / 2. Steps are as long as it allows;
     /// one with twice as much is repeated. 0: any.
