@@ -232,6 +232,12 @@ public:
         return values;
     }
 
+    /// The column of a field's component.
+    template <class Tag>
+    Array const& column_of(int component) const
+    {
+        return component_[std::size_t(Set::template first_component<Tag>(d) + component)];
+    }
     /// How many columns there are, one for each component.
     std::size_t columns() const { return component_.size(); }
     Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }

@@ -24,6 +24,7 @@ void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds,
                 typename Scene::GridStateType grid_state, std::vector<StepFailure> isolated, Scene& scene,
                 TimeLoop& time_loop)
 {
+    grid_state.take_lists(scene.grid_state);
     scene.grid_state = std::move(grid_state);
     scene.masses = from.masses;
     scene.next_id = from.next_id;

@@ -47,6 +47,13 @@ public:
         : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_, periods_of<d>(lattice))
     {}
 
+    /// Takes what another one has listed, of which this one may be in need again.
+    void take_lists([[maybe_unused]] GridState& before)
+    {
+        if constexpr (requires { grid_.images().take(before.grid_.images()); })
+            grid_.images().take(before.grid_.images());
+    }
+
     Grid& grid() { return grid_; }
     Grid const& grid() const { return grid_; }
 

@@ -7,8 +7,10 @@
 #include <firn/time_stepping/step_controller.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <optional>
+#include <type_traits>
 
 namespace firn
 {
@@ -95,6 +97,16 @@ public:
     void find_bounds(Scene const& scene)
     {
         time_state.bounds = bounds_of(scene, scene.sets, time_state.bounds);
+        bounds_are_old_ = true;
+    }
+    /// The same where nothing moves.
+    void find_bounds_at_rest(Scene const& scene)
+    {
+        auto const none = []<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return std::array<FieldValue<Tag, typename Scene::Number, d>, 0>{};
+        };
+        time_state.bounds =
+            detail::bounds_of(scene.sets, controller_of(scene, scene.sets), time_state.bounds, none);
         bounds_are_old_ = true;
     }
     /// The bounds for the particles of `sets`, the scene's or new ones; `found` are earlier bounds.

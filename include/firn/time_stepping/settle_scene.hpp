@@ -11,6 +11,7 @@
 #include <firn/time_stepping/time_loop.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -89,6 +90,120 @@ void displace(Scene& scene, Found const& found, Snapshot& snapshot)
         set(tag, [&](std::uint32_t of, int c) { return component_of<Tag, d>(tried[of], c); });
     });
 }
+
+/// What displace() and set_particles() make of the particles of a material, where all of them lie in memory
+/// of this host. Nothing but what changes is copied, and particles come to lie in the same order.
+template <std::size_t k, class Scene>
+class DisplacedHere
+{
+    using Traits = typename Scene::Sets::template MaterialTraits<k>;
+    using Table = typename Traits::Table;
+    using Number = typename Scene::Number;
+    using Offset = typename Table::Offset;
+    static constexpr int d = Scene::d;
+
+public:
+    /// Finds where they are to lie. Allocates all that is needed.
+    template <class Found>
+    DisplacedHere(Scene& scene, Found const& found)
+        : table_(scene.sets.template particles<k>()), cells_(scene.backend, periods_of<d>(scene.lattice))
+    {
+        table_.sort();
+        auto const& buffer = table_.contents().buffer[0];
+        std::size_t const count = table_.places();
+        places_.reserve(count), rows_.reserve(count);
+        std::vector<Coordinates<d>> cells;
+        cells.reserve(count);
+        table_.cells().for_each([&](std::size_t place, Coordinates<d> const& cell) {
+            places_.push_back(place);
+            rows_.push_back(buffer.id.data()[place]);
+            cells.push_back(cell);
+        });
+        scratch_.resize(count);
+        for (int a = 0; a < d; ++a) {
+            auto& offset = offset_[std::size_t(a)];
+            Offset const* const from = buffer.offset[std::size_t(a)].data();
+            Number const* const way = found.template column_of<Velocity>(a).data();
+            offset.resize(count);
+            for (std::size_t i = 0; i < count; ++i) {
+                double const to = CellOffset<Number>::exact(from[places_[i]]) +
+                                  double(way[rows_[i]]) / scene.lattice.cell_size,
+                             whole = std::floor(to + 0.5);
+                fits_ = fits_ && std::abs(cells[i][a] + whole) <= Scene::Sets::CellOrder::largest_coordinate;
+                if (!fits_) return;
+                cells[i][a] += static_cast<int>(whole);
+                offset[i] = CellOffset<Number>::from(to - whole);
+            }
+        }
+        if (count > 0) cells_.insert(cells.data(), count, 0);
+    }
+
+    /// Whether all are in the range of cells, so that they can be set.
+    bool fits() const { return fits_; }
+
+    /// Sets the particles.
+    template <class Found>
+    void set(Found const& found)
+    {
+        std::size_t const count = places_.size();
+        table_.change([&] {
+            auto& to = table_.contents();
+            auto& buffer = to.buffer[0];
+            for (int a = 0; a < d; ++a)
+                std::ranges::copy(offset_[std::size_t(a)], buffer.offset[std::size_t(a)].data());
+            std::ranges::copy(rows_, buffer.id.data());
+            for_each_column<typename Table::PersistentFields>([&](auto tag, int c, int column) {
+                Number* const values = buffer.component[std::size_t(column)].data();
+                if (auto const now = value_of(tag, c, found)) {
+                    for (std::size_t i = 0; i < count; ++i) values[i] = now(rows_[i]);
+                    return;
+                }
+                for (std::size_t i = 0; i < count; ++i) scratch_[i] = values[places_[i]];
+                std::ranges::copy(scratch_, values);
+            });
+            for_each_column<typename Table::DerivedFields>([&](auto tag, int c, int column) {
+                Number* const values = table_.cached().column(column).data();
+                if (auto const now = value_of(tag, c, found))
+                    for (std::uint32_t row = 0; row < count; ++row) values[row] = now(row);
+            });
+            to.cells = std::move(cells_);
+        });
+    }
+
+private:
+    /// The value of a field's component by row, if it is another one now.
+    struct NewValue
+    {
+        Number const* by_row = nullptr;
+        bool is_new = false;
+        explicit operator bool() const { return is_new; }
+        Number operator()(std::uint32_t row) const { return by_row == nullptr ? Number(0) : by_row[row]; }
+    };
+    template <class Tag, class Found>
+    static NewValue value_of(Tag, [[maybe_unused]] int component, [[maybe_unused]] Found const& found)
+    {
+        if constexpr (Traits::Model::State::template contains<Tag>)
+            return {found.template column_of<Tag>(component).data(), true};
+        else
+            return {nullptr, std::is_same_v<Tag, Velocity> || std::is_same_v<Tag, AffineVelocity>};
+    }
+    template <class Set, class Use>
+    static void for_each_column(Use const& use)
+    {
+        for_each_tag(Set{}, [&](auto tag) {
+            constexpr int first = Set::template first_component<decltype(tag)>(d);
+            for (int c = 0; c < component_count<decltype(tag)>(d); ++c) use(tag, c, first + c);
+        });
+    }
+
+    Table& table_;
+    typename Table::CellOrder cells_;
+    std::vector<std::size_t> places_; ///< where they lie, in the order of cells
+    std::vector<std::uint32_t> rows_;
+    std::array<std::vector<Offset>, std::size_t(d)> offset_;
+    std::vector<Number> scratch_;
+    bool fits_ = true;
+};
 } // namespace detail
 
 /// A load step is a solve of a second in which inertia is left out: its velocities are the displacements of
@@ -145,17 +260,36 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
         }
         (typename Sets::Places{});
         scene.cache_grid_fields();
+        constexpr bool may_object = []<std::size_t... k>(std::index_sequence<k...>)
+        {
+            return (Sets::template may_object<k> || ...);
+        }
+        (typename Sets::Places{});
+        using Backend = typename Scene::Backend;
+        if constexpr (Backend::reaches_host_memory && !spans_ranks<Backend> && !may_object) {
+            auto displaced = [&]<std::size_t... k>(std::index_sequence<k...>)
+            {
+                return std::tuple{detail::DisplacedHere<k, Scene>(scene, std::get<k>(found))...};
+            }
+            (typename Sets::Places{});
+            if (std::apply([](auto const&... of) { return (of.fits() && ...); }, displaced)) {
+                // the grid knows the orders of cells that were
+                typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+                scene.change([&] {
+                    Sets::for_each([&](auto k) { std::get<k>(displaced).set(std::get<k>(found)); });
+                    grid_state.take_lists(scene.grid_state);
+                    scene.grid_state = std::move(grid_state);
+                    go_on_from({.time = next_.time_state.time}, isolated());
+                });
+                return true;
+            }
+        }
         auto snapshot = detail::snapshot_of_scene(scene, *this);
         Sets::for_each(
             [&](auto k) { detail::displace<k>(scene, std::get<k>(found), snapshot.materials[k]); });
         snapshot.previous = snapshot.last = 0;
         snapshot.bounds = {};
         detail::require_whole(snapshot, Sets::CellOrder::largest_coordinate);
-        constexpr bool may_object = []<std::size_t... k>(std::index_sequence<k...>)
-        {
-            return (Sets::template may_object<k> || ...);
-        }
-        (typename Sets::Places{});
         if constexpr (may_object)
             detail::replace(snapshot, true, scene, *this);
         else
@@ -184,7 +318,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                 memory_.solve.loose != nullptr ? 8 : 2; // what slides at all loads need not be tried at each
             if (share < smallest_load) fail_to_rest();
         }
-        next_.find_bounds(scene);
+        next_.find_bounds_at_rest(scene);
     }
     catch (...) {
         end();

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <utility>
 #include <vector>
 
 // Where nodes find their images behind reflecting walls, listed once for all loops over the same nodes: to
@@ -52,27 +54,40 @@ public:
                 packs_[at].are_images};
     }
 
-    /// Whether they are those of these walls, and of the nodes with this numbering (see Grid::numbering).
-    template <class Walls>
-    bool are_of(std::uint64_t numbering, Walls const& walls) const
+    /// Whether they are those of these walls, and of the nodes with this numbering (see Grid::numbering), or
+    /// of other nodes in the same blocks.
+    template <class Walls, class NodeBlock>
+    bool are_of(std::uint64_t numbering, Walls const& walls, std::vector<NodeBlock> const& blocks)
     {
-        if (numbering != numbering_ || key_.size() != walls.size()) return false;
+        if (key_.size() != walls.size()) return false;
         for (std::size_t w = 0; w < walls.size(); ++w)
             if (!(key_[w] == Wall{walls[w].axis, walls[w].node, walls[w].side})) return false;
+        if (numbering == numbering_) return true;
+        if (blocks_.size() != blocks.size()) return false;
+        for (std::size_t n = 0; n < blocks.size(); ++n)
+            if (blocks_[n] != place_of(blocks[n])) return false;
+        numbering_ = numbering;
         return true;
+    }
+    /// Takes those of another grid, which may hold for this one, too.
+    void take(ImageLists& other)
+    {
+        std::swap(*this, other);
+        numbering_ = 0;
     }
     /// Lists them anew: `list(block, number, *this)` calls add() for the images of a pack, and returns which
     /// of its nodes are images.
-    template <class Walls, class List>
-    void make(std::uint64_t numbering, Walls const& walls, std::size_t blocks, int packs_of_block,
-              List const& list)
+    template <class Walls, class NodeBlock, class List>
+    void make(std::uint64_t numbering, Walls const& walls, std::vector<NodeBlock> const& blocks,
+              int packs_of_block, List const& list)
     {
         numbering_ = 0; // of no nodes, until all is listed
         images_.clear();
         packs_.clear();
-        first_of_block_.assign(blocks, nothing);
+        key_.clear(); // of no walls, until all is listed
+        first_of_block_.assign(blocks.size(), nothing);
         std::vector<PackInList> here(static_cast<std::size_t>(packs_of_block));
-        for (std::size_t n = 0; n < blocks; ++n) {
+        for (std::size_t n = 0; n < blocks.size(); ++n) {
             std::uint32_t const before = count();
             for (int p = 0; p < packs_of_block; ++p)
                 here[std::size_t(p)] = {count(), static_cast<std::uint32_t>(list(n, p, *this))};
@@ -81,7 +96,8 @@ public:
             packs_.insert(packs_.end(), here.begin(), here.end());
         }
         packs_.push_back({count(), 0});
-        key_.clear();
+        blocks_.clear();
+        for (auto const& block : blocks) blocks_.push_back(place_of(block));
         for (auto const& wall : walls) key_.push_back({wall.axis, wall.node, wall.side});
         numbering_ = numbering;
     }
@@ -90,7 +106,7 @@ public:
     std::size_t memory() const
     {
         return images_.capacity() * sizeof(ImageInRow) + packs_.capacity() * sizeof(PackInList) +
-               first_of_block_.capacity() * sizeof(std::uint32_t);
+               first_of_block_.capacity() * sizeof(std::uint32_t) + blocks_.capacity() * sizeof(Place);
     }
 
 private:
@@ -103,12 +119,22 @@ private:
         int axis, node, side;
         bool operator==(Wall const&) const = default;
     };
+    using Place = std::array<int, 3>;
+    template <class NodeBlock>
+    static Place place_of(NodeBlock const& block)
+    {
+        Place place{};
+        for (std::size_t a = 0; a < static_cast<std::size_t>(block.coordinates.size()); ++a)
+            place[a] = block.coordinates[static_cast<int>(a)];
+        return place;
+    }
     static constexpr std::uint32_t nothing = std::numeric_limits<std::uint32_t>::max();
 
     std::uint32_t count() const { return static_cast<std::uint32_t>(images_.size()); }
 
     std::uint64_t numbering_ = 0;
     std::vector<Wall> key_;
+    std::vector<Place> blocks_; ///< the coordinates of the blocks of nodes
     std::vector<ImageInRow> images_;
     std::vector<PackInList> packs_; ///< of blocks with packs that look around; the last one is behind all
     std::vector<std::uint32_t> first_of_block_; ///< by block of nodes

@@ -427,9 +427,9 @@ void list_images(GridType& grid, Phase const& phase, Walls const& walls)
 {
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d, lanes = lane_width<Lane>, packs_of_row = Shape::along / lanes;
-    if (grid.images().are_of(grid.numbering(), walls)) return;
+    if (grid.images().are_of(grid.numbering(), walls, grid.nodes())) return;
     grid.images().make(
-        grid.numbering(), walls, grid.nodes().size(), Shape::rows * packs_of_row,
+        grid.numbering(), walls, grid.nodes(), Shape::rows * packs_of_row,
         [&](std::size_t n, int pack, ImageLists& lists) -> std::uint64_t {
             Coordinates<d> const at = GridType::node_at(grid.nodes()[n].coordinates, pack / packs_of_row,
                                                         pack % packs_of_row * lanes);
