@@ -45,12 +45,12 @@ Options options_of(int argc, char** argv)
         else if (name == "--threads")
             options.patience.threads = std::stoi(value);
         else if (name == "--runs")
-            options.patience.most_runs = std::stoi(value);
+            options.patience.runs = std::stoi(value), options.patience.least = 0;
         else
             throw std::invalid_argument("unknown argument " + name + " " + value);
     }
     if (options.grid.empty()) throw std::invalid_argument("choose --grid short or --grid long");
-    if (options.patience.threads < 1 || options.patience.most_runs < 1)
+    if (options.patience.threads < 1 || options.patience.runs < 1)
         throw std::invalid_argument("threads and runs are numbers above 0");
     return options;
 }

@@ -77,7 +77,7 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
             seconds.push_back(wall);
             row.cpu_seconds = std::min(row.cpu_seconds, processor);
             problem.solver.restore(start);
-        } while (row.runs < patience.most_runs && all < patience.seconds);
+        } while (patience.asks_for_more(row.runs, all));
         if (seconds.size() > 1) seconds.erase(seconds.begin()); // the warm-up
         std::sort(seconds.begin(), seconds.end());
         row.seconds = seconds[seconds.size() / 2];

@@ -43,12 +43,19 @@ struct Row
     double energy_lost = std::numeric_limits<double>::quiet_NaN();
 };
 
-/// How long a setting may be measured.
+/// How long a setting is measured.
 struct Patience
 {
-    int most_runs = 6;    ///< the first of which only warms up, if there are others
+    int runs = 6;         ///< the first of which only warms up, if there are others
+    double least = 0.02;  ///< there are more runs until all of them together took so long [s]
     double seconds = 0.5; ///< of all runs together, at which there is no further one
     int threads = 1;
+
+    /// Whether there is one more run after so many, which took so long together [s].
+    bool asks_for_more(int so_many, double so_long) const
+    {
+        return so_long < seconds && (so_many < runs || so_long < least);
+    }
 };
 
 using Measure = std::function<Row(Setting const&, Patience const&)>;
