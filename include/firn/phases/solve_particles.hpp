@@ -248,6 +248,13 @@ struct SolutionTransfer : StressTransfer<Scheme>
     static constexpr bool gathers_velocity = true;
 };
 
+/// The wave modulus of a particle in the state that settle() has found [Pa].
+struct FoundModulus
+{
+    static constexpr auto name = "found_modulus";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
 /// Particles gather the velocities that settle() has found, and their state at the end of such a step, by
 /// row.
 template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
@@ -260,7 +267,7 @@ struct GatherSolution : Gather<Space, Kernel, SolutionTransfer<Scheme>>
     static constexpr CellWork work{.gathers = true};
     using Result = NothingFound;
 
-    using Found = Join<Fields<Velocity>, typename Model::State>;
+    using Found = Join<Fields<Velocity, FoundModulus>, typename Model::State>;
 
     Model model;
     TableView<Number const, d, PersistentFields> particles;
@@ -281,11 +288,12 @@ struct GatherSolution : Gather<Space, Kernel, SolutionTransfer<Scheme>>
         auto const gathered = Gather::template gathered<Real>(items);
         Record<Real, d, Join<PersistentFields, Found>> particle;
         particles.load(items, particle);
-        respond_to_trial<Real>(
+        auto const response = respond_to_trial<Real>(
             model, particle,
             Matrix<Real, d>(Transfer::template gradient<Kernel, Real, d>(gathered) * Real(inverse_cell_size)),
             Real(dt), true);
         particle[Velocity{}] = gathered.velocity;
+        particle[FoundModulus{}] = response.wave_modulus;
         found.store(items, particles.id, particle);
     }
 };

@@ -62,24 +62,37 @@ void admit_effect(Controller& controller, Effect const& effect)
         controller.obstacle_speed = std::max(controller.obstacle_speed, effect.largest_speed());
 }
 
+/// A modulus, or infinity in place of one that is no number.
+inline double modulus_or_infinity(double modulus)
+{
+    return is_finite(modulus) ? modulus : std::numeric_limits<double>::infinity();
+}
+
+/// The largest wave modulus of a material's particles [Pa].
+template <std::size_t k, class Sets>
+double largest_modulus(Sets const& sets)
+{
+    double modulus = 0;
+    for_each_particle(sets.template particles<k>(), [&](std::uint32_t, auto& particle) {
+        modulus = std::max(modulus, modulus_or_infinity(sets.template response<k>(particle).wave_modulus));
+    });
+    return modulus;
+}
+
 /// The bounds of the next step after the state was set from outside. Only a step finds the deformation rate
 /// and the speed of touched obstacles, so these stay those in `found` if particles are left; a known affine
-/// velocity also bounds the deformation rate. `values(tag, k)` returns a field's values for a material.
-template <class Sets, class Controller, class Values>
+/// velocity also bounds the deformation rate. `values(tag, k)` returns a field's values for a material, and
+/// `modulus(k)` its largest wave modulus.
+template <class Sets, class Controller, class Values, class Modulus>
 FIRN_COLD StepBounds bounds_of(Sets const& sets, Controller const& controller, StepBounds const& found,
-                               Values const& values)
+                               Values const& values, Modulus const& modulus)
 {
     StepBounds bounds;
     Sets::for_each([&](auto k) {
         if (sets.template particles<k>().size() == 0) return;
         bounds.deformation_rate = std::max(bounds.deformation_rate, found.deformation_rate);
         bounds.obstacle_speed = found.obstacle_speed;
-        double modulus = 0;
-        for_each_particle(sets.template particles<k>(), [&](std::uint32_t, auto& particle) {
-            double const own = sets.template response<k>(particle).wave_modulus;
-            modulus = is_finite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
-        });
-        controller.admit(bounds, static_cast<int>(k), sets.template wave_speed<k>(modulus));
+        controller.admit(bounds, static_cast<int>(k), sets.template wave_speed<k>(modulus(k)));
         for (auto const& velocity : values(Velocity{}, k))
             bounds.speed = std::max(bounds.speed, double(norm(velocity)));
         if constexpr (Sets::template MaterialTraits<k>::State::template contains<AffineVelocity>)
@@ -87,6 +100,12 @@ FIRN_COLD StepBounds bounds_of(Sets const& sets, Controller const& controller, S
                 bounds.deformation_rate = std::max(bounds.deformation_rate, double(norm(rate)));
     });
     return bounds.finite();
+}
+template <class Sets, class Controller, class Values>
+StepBounds bounds_of(Sets const& sets, Controller const& controller, StepBounds const& found,
+                     Values const& values)
+{
+    return bounds_of(sets, controller, found, values, [&](auto k) { return largest_modulus<k>(sets); });
 }
 
 } // namespace firn::detail

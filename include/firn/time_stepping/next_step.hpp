@@ -99,14 +99,15 @@ public:
         time_state.bounds = bounds_of(scene, scene.sets, time_state.bounds);
         bounds_are_old_ = true;
     }
-    /// The same where nothing moves.
-    void find_bounds_at_rest(Scene const& scene)
+    /// The same where nothing moves. `modulus(k)` returns a material's largest wave modulus [Pa].
+    template <class Modulus>
+    void find_bounds_at_rest(Scene const& scene, Modulus const& modulus)
     {
         auto const none = []<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
             return std::array<FieldValue<Tag, typename Scene::Number, d>, 0>{};
         };
         time_state.bounds =
-            detail::bounds_of(scene.sets, controller_of(scene, scene.sets), time_state.bounds, none);
+            detail::bounds_of(scene.sets, controller_of(scene, scene.sets), time_state.bounds, none, modulus);
         bounds_are_old_ = true;
     }
     /// The bounds for the particles of `sets`, the scene's or new ones; `found` are earlier bounds.

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -138,6 +139,16 @@ public:
         if (count > 0) cells_.insert(cells.data(), count, 0);
     }
 
+    /// The largest wave modulus of them [Pa].
+    template <class Found>
+    double largest_modulus(Found const& found) const
+    {
+        Number const* const moduli = found.template column_of<FoundModulus>(0).data();
+        double largest = 0;
+        for (std::uint32_t const row : rows_)
+            largest = std::max(largest, modulus_or_infinity(double(moduli[row])));
+        return largest;
+    }
     /// Whether all are in the range of cells, so that they can be set.
     bool fits() const { return fits_; }
 
@@ -225,6 +236,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
     controller.equal = second;
     auto plain = plain_effects(now, effects...);
     RestReport report;
+    std::optional<std::array<double, Sets::count>> largest; // wave moduli, where the solve tells them
     begin_call(scene);
     auto const load = [&] { // one load step; false if it does not converge
         groups_.stage(plain, scene.lattice, now, second, effects...);
@@ -275,6 +287,10 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             if (std::apply([](auto const&... of) { return (of.fits() && ...); }, displaced)) {
                 // the grid knows the orders of cells that were
                 typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+                largest.emplace();
+                Sets::for_each([&](auto k) {
+                    (*largest)[k] = std::get<k>(displaced).largest_modulus(std::get<k>(found));
+                });
                 scene.change([&] {
                     Sets::for_each([&](auto k) { std::get<k>(displaced).set(std::get<k>(found)); });
                     grid_state.take_lists(scene.grid_state);
@@ -284,6 +300,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                 return true;
             }
         }
+        largest.reset();
         auto snapshot = detail::snapshot_of_scene(scene, *this);
         Sets::for_each(
             [&](auto k) { detail::displace<k>(scene, std::get<k>(found), snapshot.materials[k]); });
@@ -318,7 +335,8 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                 memory_.solve.loose != nullptr ? 8 : 2; // what slides at all loads need not be tried at each
             if (share < smallest_load) fail_to_rest();
         }
-        next_.find_bounds_at_rest(scene);
+        next_.find_bounds_at_rest(
+            scene, [&](auto k) { return largest ? (*largest)[k] : detail::largest_modulus<k>(scene.sets); });
     }
     catch (...) {
         end();
