@@ -106,7 +106,12 @@ void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, Tim
         has_bounds ? from.bounds : time_loop.next_step().bounds_of(scene, sets, from.bounds);
     auto isolated = from.isolated;
     typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
-    scene.sets = std::move(sets); // from here on nothing can fail
+    Sets::for_each([&](auto k) { // from here on nothing can fail
+        auto &now = sets.template particles<k>().cells(),
+             &before = scene.sets.template particles<k>().cells();
+        if constexpr (requires { now.take_workspace(before); }) now.take_workspace(before);
+    });
+    scene.sets = std::move(sets);
     scene.known_marks.forget();
     go_on_from(from, bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
 }

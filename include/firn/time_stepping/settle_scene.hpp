@@ -177,6 +177,7 @@ public:
                 if (auto const now = value_of(tag, c, found))
                     for (std::uint32_t row = 0; row < count; ++row) values[row] = now(row);
             });
+            if constexpr (requires { cells_.take_workspace(to.cells); }) cells_.take_workspace(to.cells);
             to.cells = std::move(cells_);
         });
     }

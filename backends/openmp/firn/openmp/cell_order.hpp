@@ -88,6 +88,8 @@ public:
     std::span<Leaver const> leavers(std::size_t block) const { return migration_.incoming(block); }
     /// What threads work with in loops that change something; such loops must be called one at a time.
     Workspace& workspace() const { return workspace_; }
+    /// Before it replaces another order: goes on with what that one's threads work with.
+    void take_workspace(CellOrder& other) noexcept { workspace_ = std::move(other.workspace_); }
     /// The block's index before the last rebin(), or absent.
     int old_block(std::size_t block) const { return blocks_.old(block); }
     /// The cells of consecutive slots of a block, counted along the last axis first.
