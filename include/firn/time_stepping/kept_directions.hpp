@@ -171,7 +171,7 @@ public:
     {
         return along_.memory() + products_.memory() + weights_.memory() + left_.memory() + found_.memory() +
                triangle_.capacity() * sizeof(double) + entries_.capacity() * sizeof(Entry) +
-               listed_.capacity() * sizeof(Listed);
+               listed_.capacity() * sizeof(Listed) + order_.capacity() * sizeof(std::uint32_t);
     }
 
 private:
