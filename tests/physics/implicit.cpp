@@ -463,6 +463,23 @@ TEST_CASE("implicit steps have the same bits in every run, and on any number of 
         for (int const threads : {1, 2, 3}) CHECK(run(on_threads<TestedBackend>(threads)) == once);
 }
 
+// No wave bounds implicit steps, but the first explicit one has to be as short as the stiffer material asks.
+TEST_CASE("an explicit solver goes on from an implicit one's state in steps that its stiffest material bears")
+{
+    using Two = Materials<Rubber, Rubber>;
+    Rubber const soft{.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+        stiff{.density = 1000, .elasticity = lame<double>(1e8, 0.3)};
+    ImplicitSolver<Mls, Two> stepped(lattice(0.1), {soft, stiff});
+    stepped.add<Material<0>>(box_of_points<2>({0, 0}, {0.5, 0.2}, 0.1), 0.1 * 0.1 / 4);
+    stepped.add<Material<1>>(box_of_points<2>({0, 0.2}, {0.5, 0.4}, 0.1), 0.1 * 0.1 / 4);
+    stepped.step(0.01, Gravity{}, Obstacle<HalfSpace>{.contact = Contact::sticky()});
+    ImplicitSolver<Mls, Two, SymplecticEuler> going_on(lattice(0.1), {soft, stiff});
+    going_on.restore(stepped.snapshot());
+    double const wave = std::sqrt(stiff.elasticity.p_wave_modulus() / 1000);
+    CHECK(going_on.bounds().wave_speed >= wave);
+    CHECK(going_on.stable_step() <= 0.1 / wave);
+}
+
 TEST_CASE("what implicit steps do not know is refused, and a step that is not solved leaves the state")
 {
     Gravity const gravity;

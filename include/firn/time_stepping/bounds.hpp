@@ -29,6 +29,10 @@ controller_of_materials(Sets const& sets, Transfer const& transfer, StepControl 
     TimeStepController<static_cast<int>(Sets::count)> controller{.control = control, .cell_size = cell_size};
     if (sets.template size<Sets::count>() > 0)
         controller.field = carried_by(transfer).template largest_step<Kernel>(cell_size);
+    if constexpr (StepsImplicitly<Transfer>) {
+        controller.waves_bound = false;
+        controller.forces_act_throughout = true;
+    }
     Sets::for_each([&](auto k) {
         auto const& model = sets.template model<k>();
         double expansion_ratio = Sets::d; // the largest possible, for models that do not declare one
@@ -38,10 +42,6 @@ controller_of_materials(Sets const& sets, Transfer const& transfer, StepControl 
             expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
         MaterialLimits& limits = controller.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
-        if constexpr (StepsImplicitly<Transfer>) { // no wave bounds them
-            limits.wave = std::numeric_limits<double>::infinity();
-            controller.forces_act_throughout = true;
-        }
         if constexpr (Viscous<typename Sets::template MaterialTraits<k>::Model>)
             if (sets.template particles<k>().size() > 0)
                 limits.shear =

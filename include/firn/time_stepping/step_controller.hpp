@@ -57,6 +57,9 @@ struct TimeStepController
     bool cuts =
         true; ///< steps are whole shares of the time that is left; false: all are as long as is stable
     bool forces_act_throughout = false; ///< each step's for its length: implicit ones, at its end
+    /// Whether waves and shear bound steps: not implicit ones. Their limits say all the same which material's
+    /// wave is kept, for an explicit solver that goes on from the state.
+    bool waves_bound = true;
 
     /// A step planned one step ahead is kept if its length is within these multiples of what the current
     /// bounds allow. StepControl's safety factors have room for the longer one; the shorter one still costs
@@ -67,8 +70,9 @@ struct TimeStepController
     {
         now.acceleration = max(now.acceleration, acceleration);
         now.obstacle_speed = max(now.obstacle_speed, obstacle_speed);
-        ChosenStep step =
-            stable_time_step(control, now, cell_size, limits[static_cast<std::size_t>(now.material)]);
+        MaterialLimits const none{.wave = std::numeric_limits<double>::infinity()};
+        ChosenStep step = stable_time_step(
+            control, now, cell_size, waves_bound ? limits[static_cast<std::size_t>(now.material)] : none);
         step.bound(control.wave * field, StepLimit::field);
         return step;
     }
