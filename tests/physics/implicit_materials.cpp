@@ -27,6 +27,20 @@ Model of_moduli(Model model = {})
     return model;
 }
 
+/// A solid that counts something beside, which is infinite once it is loaded, and no matter for its stress.
+struct Overflowing : NeoHookean<Plane>
+{
+    using State = Fields<DisplacementGradient, EquivalentPlasticStrain>;
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, 2> respond(Particle& state, Matrix<Real, 2> const& L, Real dt) const
+    {
+        auto const response = NeoHookean<Plane>::template respond<Real>(state, L, dt);
+        state[EquivalentPlasticStrain{}] = Real(1) / Real(0);
+        return response;
+    }
+};
+
 /// A product as the symmetric matrix that it is, of the components of dl.
 template <class Model>
 Eigen::MatrixXd matrix_of_product(Model const& model, Matrix<double, Model::Space::dimension> const& H)
@@ -218,6 +232,16 @@ TEST_CASE("a plastic column that settles yields below, and leans on its walls as
 }
 
 // Images lie in the same block of nodes, or in one beside it, in other rows or in other lanes.
+TEST_CASE("settle refuses a state that is not finite, and leaves the last good one")
+{
+    Solver<TestedBackend, Overflowing, QuadraticBSpline, Mls, Implicit> block(lattice(0.1),
+                                                                              of_moduli<Overflowing>());
+    block.add(box_of_points<2>({0, 0}, {0.3, 0.3}, 0.1), 0.1 * 0.1 / 4);
+    auto const before = block.positions();
+    CHECK_THROWS_AS(block.settle(Gravity{}, Obstacle<HalfSpace>{.contact = Contact::sticky()}), Error);
+    CHECK(block.positions() == before);
+}
+
 TEST_CASE("a column between walls settles in the same way wherever they lie among the grid's blocks")
 {
     constexpr int high = 6, wide = 2;

@@ -136,7 +136,11 @@ public:
                 offset[i] = CellOffset<Number>::from(to - whole);
             }
         }
-        if (count > 0) cells_.insert(cells.data(), count, 0);
+        for_each_column<typename Table::PersistentFields>([&](auto tag, int c, int) {
+            auto const now = value_of(tag, c, found);
+            for (std::uint32_t const row : rows_) fits_ = fits_ && (!now || is_finite(now(row)));
+        });
+        if (fits_ && count > 0) cells_.insert(cells.data(), count, 0);
     }
 
     /// The largest wave modulus of them [Pa].
@@ -149,7 +153,7 @@ public:
             largest = std::max(largest, modulus_or_infinity(double(moduli[row])));
         return largest;
     }
-    /// Whether all are in the range of cells, so that they can be set.
+    /// Whether all are finite and in the range of cells, so that they can be set.
     bool fits() const { return fits_; }
 
     /// Sets the particles.
