@@ -12,8 +12,9 @@
 namespace firn::test
 {
 
-/// Everything that a call of advance tells.
-inline auto told(AdvanceReport const& report)
+/// The impulses of a report's reactions, component by component.
+template <class Report>
+std::vector<double> impulses_of(Report const& report)
 {
     std::vector<double> impulses;
     for (auto const& reaction : report.reactions)
@@ -21,21 +22,20 @@ inline auto told(AdvanceReport const& report)
             impulses.push_back(reaction.impulse[a]);
             impulses.push_back(reaction.angular_impulse[a]);
         }
-    return std::tuple{report.substeps,   report.rejected, report.smallest_dt,
-                      report.largest_dt, report.capped,   report.limited_by,
-                      impulses};
+    return impulses;
+}
+
+/// Everything that a call of advance tells.
+inline auto told(AdvanceReport const& report)
+{
+    return std::tuple{report.substeps, report.rejected,   report.smallest_dt, report.largest_dt,
+                      report.capped,   report.limited_by, impulses_of(report)};
 }
 
 /// Everything that a call of step tells.
 inline auto told(StepReport const& report)
 {
-    std::vector<double> impulses;
-    for (auto const& reaction : report.reactions)
-        for (int a = 0; a < 3; ++a) {
-            impulses.push_back(reaction.impulse[a]);
-            impulses.push_back(reaction.angular_impulse[a]);
-        }
-    return std::tuple{report.dt, report.stable_dt, report.beyond_stable, report.capped, impulses};
+    return std::tuple{report.dt, report.stable_dt, report.beyond_stable, report.capped, impulses_of(report)};
 }
 
 template <class Solver>

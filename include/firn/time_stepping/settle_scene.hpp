@@ -48,6 +48,20 @@ auto displacements(Scene& scene, double second)
     return found;
 }
 
+/// Where an offset in a cell comes to lie after a way [cells]: so many whole cells further, and the offset
+/// there.
+template <class Number, class Offset>
+auto moved_by(Offset const& offset, double way)
+{
+    struct Moved
+    {
+        double cells;
+        decltype(CellOffset<Number>::from(0.0)) offset;
+    };
+    double const to = CellOffset<Number>::exact(offset) + way, cells = std::floor(to + 0.5);
+    return Moved{cells, CellOffset<Number>::from(to - cells)};
+}
+
 /// Moves and deforms the particles of a material in a snapshot, and takes away their velocities.
 template <std::size_t k, class Scene, class Found, class Snapshot>
 void displace(Scene& scene, Found const& found, Snapshot& snapshot)
@@ -67,11 +81,9 @@ void displace(Scene& scene, Found const& found, Snapshot& snapshot)
     for (std::size_t i = 0; i < row.size(); ++i)
         for (int a = 0; a < d; ++a) {
             auto& offset = snapshot.offsets[std::size_t(a)][i];
-            double const to =
-                CellOffset<Number>::exact(offset) + double(way[row[i]][a]) / scene.lattice.cell_size;
-            double const cells = std::floor(to + 0.5);
-            snapshot.cells[i][a] += static_cast<int>(cells);
-            offset = CellOffset<Number>::from(to - cells);
+            auto const to = moved_by<Number>(offset, double(way[row[i]][a]) / scene.lattice.cell_size);
+            snapshot.cells[i][a] += static_cast<int>(to.cells);
+            offset = to.offset;
         }
     auto const set = [&](auto tag, auto const& value) {
         using Tag = decltype(tag);
@@ -127,13 +139,13 @@ public:
             Number const* const way = found.template column_of<Velocity>(a).data();
             offset.resize(count);
             for (std::size_t i = 0; i < count; ++i) {
-                double const to = CellOffset<Number>::exact(from[places_[i]]) +
-                                  double(way[rows_[i]]) / scene.lattice.cell_size,
-                             whole = std::floor(to + 0.5);
-                fits_ = fits_ && std::abs(cells[i][a] + whole) <= Scene::Sets::CellOrder::largest_coordinate;
+                auto const to =
+                    moved_by<Number>(from[places_[i]], double(way[rows_[i]]) / scene.lattice.cell_size);
+                fits_ =
+                    fits_ && std::abs(cells[i][a] + to.cells) <= Scene::Sets::CellOrder::largest_coordinate;
                 if (!fits_) return;
-                cells[i][a] += static_cast<int>(whole);
-                offset[i] = CellOffset<Number>::from(to - whole);
+                cells[i][a] += static_cast<int>(to.cells);
+                offset[i] = to.offset;
             }
         }
         for_each_column<typename Table::PersistentFields>([&](auto tag, int c, int) {
