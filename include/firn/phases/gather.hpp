@@ -216,18 +216,20 @@ private:
     struct NodeSum
     {
         Vector<Real, d> value, old; ///< velocities, and old velocities
-        Matrix<Real, d> moment;     ///< column a: velocities times distances along axis a
+        Matrix<Real, d> moment;     ///< column a: velocities times places along axis a
         Matrix<Real, d> slope;      ///< column a: with derivatives along axis a for weights
     };
 
     /// Adds what lies at place k along an axis, where sums over the axes behind it are known: three planes,
-    /// three rows in each, and three nodes in each of these need fewer products than 27 nodes.
+    /// three rows in each, and three nodes in each of these need fewer products than 27 nodes. Places are
+    /// counted from the cell's centre, so that those of all particles are the same small numbers.
     template <class Real, class Nodes>
     FIRN_HOST_DEVICE static void add_along(Nodes const& nodes, int axis, int k, NodeSum<Real> const& inner,
                                            NodeSum<Real>& outer)
     {
         Real const w = nodes.weight[std::size_t(axis)][std::size_t(k)],
                    dw = nodes.derivative[std::size_t(axis)][std::size_t(k)];
+        Number const place = Number(k) - Number(0.5) * Kernel::degree;
         auto const add = [&](Real& to, Real const& term) { to = k == 0 ? term : to + term; };
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
@@ -235,7 +237,7 @@ private:
             add(outer.value[a], weighted);
             if constexpr (Transfer::keeps_old_velocity) add(outer.old[a], inner.old[a] * w);
             if constexpr (terms.affine)
-                add(outer.moment(a, axis), weighted * nodes.distance[std::size_t(axis)][std::size_t(k)]);
+                if (2 * k != Kernel::degree) add(outer.moment(a, axis), weighted * Real(place));
             if constexpr (terms.gradient) add(outer.slope(a, axis), inner.value[a] * dw);
             FIRN_UNROLL
             for (int b = axis + 1; b < d; ++b) {
@@ -286,7 +288,8 @@ private:
             for (int b = 0; b < d; ++b) {
                 sum.affine(a, b) = sum.gradient(a, b) = Real(0);
                 if constexpr (terms.affine)
-                    sum.affine(a, b) = all.moment(a, b) * Real(Number(Kernel::inverse_inertia));
+                    sum.affine(a, b) =
+                        (all.moment(a, b) - all.value[a] * offset[b]) * Real(Number(Kernel::inverse_inertia));
                 if constexpr (terms.gradient) sum.gradient(a, b) = all.slope(a, b);
             }
         }
