@@ -79,17 +79,16 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
         moved.results.take_in(result, reinterpret_cast<std::uint32_t*>(shared_memory() + In::contributions),
                               block);
     else {
-        __shared__ __align__(16) unsigned char parts[teams * In::team_threads / 32 * sizeof(Result)];
+        __shared__ __align__(16) unsigned char parts[In::declared_results(teams)];
         moved.results.take(result, reinterpret_cast<Result*>(parts), block);
     }
 }
 
 /// Shared memory that the moving loop declares for a phase, without padding in between [bytes].
 template <class GridType, class Phase>
-inline constexpr std::size_t declared_by_move = ShapeOfItems<GridType, Phase>::most_teams*
-                                                        ShapeOfItems<GridType, Phase>::team_threads /
-                                                    32 * sizeof(typename Phase::Result) +
-                                                block_threads * sizeof(std::uint32_t) + 64;
+inline constexpr std::size_t declared_by_move =
+    ShapeOfItems<GridType, Phase>::declared_results(ShapeOfItems<GridType, Phase>::most_teams) +
+    block_threads * sizeof(std::uint32_t) + 64;
 
 /// All items gather and scatter in place to their block's tile of the next sums.
 template <class Order, class GridType, class Phase>

@@ -45,10 +45,8 @@ public:
     {
         origin_ = cells_.cell(block * Shape::cells);
         source_ = first_ + threadIdx.x < end_ ? cells_.order[first_ + threadIdx.x] : 0;
-        if (threadIdx.x <= Shape::cells)
-            begins()[threadIdx.x] = threadIdx.x < 32             ? begin_[0]
-                                    : threadIdx.x < Shape::cells ? begin_[1]
-                                                                 : end_;
+        if (threadIdx.x < Shape::cells) begins()[threadIdx.x] = threadIdx.x < 32 ? begin_[0] : begin_[1];
+        if (threadIdx.x == 0) begins()[Shape::cells] = end_;
         if constexpr (In::gathers) tiles_.read_values(grid, block, cell_with_items());
         __syncthreads();
     }
@@ -153,7 +151,10 @@ public:
         auto const [begin, end] = in_chunk(place);
         SumsOfLayer sums{};
         auto const use = [&](auto const& frame, std::uint32_t i) {
-            Scatter::scatter_layer(Row(contributions() + padded(i)), static_cast<int>(layer), frame, sums);
+            Row const row(contributions() + padded(i));
+#pragma unroll
+            for (unsigned p = 0; p < In::depth; ++p)
+                Scatter::scatter_layer(row, static_cast<int>(In::depth == 1 ? layer : p), frame, sums.at[p]);
         };
         auto const frame =
             Scatter::frame_of(Row(contributions() + padded(begin + team < end ? begin + team : 0)));
@@ -167,7 +168,9 @@ public:
                 for (; k < std::min(end - first, 32u); k += teams())
                     if ((stay >> k & 1) != 0) use(frame, first + k);
         }
-        if (begin + team < end) Scatter::leave_frame(frame, sums);
+        if (begin + team < end)
+#pragma unroll
+            for (unsigned p = 0; p < In::depth; ++p) Scatter::leave_frame(frame, sums.at[p]);
         __syncthreads();
         meanwhile();
         add_up(sums, layer, place, to, afresh);
@@ -247,11 +250,15 @@ private:
         __device__ Number scratch(int channel) const { return of[channel]; }
     };
 
-    /// The sums of one cell and one layer of its stencil.
+    /// The sums of one cell and one layer of its stencil, by place along the first axis.
+    struct SumsOfPlace
+    {
+        Number of[In::width][d == 3 ? In::width : 1][GridType::Sums::stored];
+        __device__ auto& operator[](int k) { return of[k]; }
+    };
     struct SumsOfLayer
     {
-        Number of[In::layers][d == 3 ? In::layers : 1][GridType::Sums::stored];
-        __device__ auto& operator[](int k) { return of[k]; }
+        SumsOfPlace at[In::depth];
     };
 
     /// Adds the sums of all cells and layers to the tile, in a fixed order. They are added up in tiles that
@@ -282,18 +289,17 @@ private:
             Sums sum{};
             if (!afresh) sum = to[n];
             if constexpr (In::has_tiles_of_warps) {
-                // Those of a layer lie side by side: one of each group, or two of both.
-                constexpr int planes = Shape::groups * In::layer_nodes;
-                int const of_layer = divides() ? Shape::groups : 1;
+                // A layer has a tile for each group of cells, or two of the whole block.
+                int const nodes = In::nodes_of_warp(teams()), apart = divides() ? 0 : Shape::group_extent;
                 for (unsigned t = 0; t < teams(); ++t)
 #pragma unroll
                     for (int l = 0; l < int(In::layers); ++l)
-                        if (int const at = n - l * Tile::plane; at >= 0 && at < planes)
 #pragma unroll
-                            for (int k = 0; k < of_layer; ++k)
+                        for (int k = 0; k < Shape::groups; ++k)
+                            if (int const at = n - (l + k * apart) * Tile::plane; at >= 0 && at < nodes)
                                 SharedTiles<GridType>::plus(
                                     sum,
-                                    tiles[((int(t) * int(In::layers) + l) * of_layer + k) * planes + at]);
+                                    tiles[((int(t) * int(In::layers) + l) * Shape::groups + k) * nodes + at]);
             }
             else
                 SharedTiles<GridType>::plus(sum, tiles[n]);
@@ -308,15 +314,18 @@ private:
     {
         using Scatter = typename Phase::Scatter;
 #pragma unroll
-        for (int row = 0; row < Scatter::rows_of_layer; ++row)
+        for (int p = 0; p < int(In::depth); ++p)
 #pragma unroll
-            for (int k = 0; k < Scatter::width; ++k) {
-                Sums sum = nodes[Tile::in_layer(row, k)];
+            for (int row = 0; row < Scatter::rows_of_layer; ++row)
 #pragma unroll
-                for (int c = 0; c < Scatter::channels; ++c) sum.of[c] += sums.of[k][row][c];
-                nodes[Tile::in_layer(row, k)] = sum;
-                __syncwarp();
-            }
+                for (int k = 0; k < Scatter::width; ++k) {
+                    Sums& node = nodes[p * Tile::plane + Tile::in_layer(row, k)];
+                    Sums sum = node;
+#pragma unroll
+                    for (int c = 0; c < Scatter::channels; ++c) sum.of[c] += sums.at[p].of[k][row][c];
+                    node = sum;
+                    __syncwarp();
+                }
     }
     /// Notes the cell of each item of the chunk.
     __device__ void mark_places() const

@@ -27,10 +27,22 @@ struct ShapeOfItems
     static constexpr bool gathers = Phase::work.gathers, moves = Phase::work.moves,
                           scatters = Phase::work.scatters_to != ScatterTarget::nothing;
 
-    static constexpr unsigned layers = [] {
+    /// The places of a stencil along its first axis.
+    static constexpr unsigned width = [] {
         if constexpr (scatters) return unsigned(Phase::Scatter::width);
         return 2u;
     }();
+    /// How many of these are one layer, whose sums a thread has in its registers: all, as in the plane, if
+    /// they take few registers, so that each item is read once. Otherwise one.
+    static constexpr unsigned depth = [] {
+        if constexpr (scatters) {
+            std::size_t const sums = std::size_t(Phase::Scatter::width * Phase::Scatter::rows) *
+                                     std::size_t(Phase::Scatter::channels) * sizeof(Number);
+            if (sums <= 64 * sizeof(std::uint32_t)) return unsigned(Phase::Scatter::width);
+        }
+        return 1u;
+    }();
+    static constexpr unsigned layers = width / depth;
     static constexpr unsigned team_threads = layers * block_threads;
     /// Whether a thread needs many registers: for values that are held across a call, or numbers in double
     /// precision, which need two each.
@@ -63,6 +75,16 @@ struct ShapeOfItems
                (scatters ? aligned(Shape::cells + Shape::groups * sizeof(std::uint32_t)) : 0);
     }
 
+    /// Whether threads leave their results in shared memory: unless they are many words, as those of several
+    /// obstacles are. Then the loop declares memory for a result of each warp [bytes].
+    static constexpr bool leaves_results = moves && sizeof(typename Phase::Result) <= 64;
+    static constexpr std::size_t declared_results(unsigned teams)
+    {
+        if constexpr (moves && !leaves_results)
+            return teams * team_threads / 32 * sizeof(typename Phase::Result);
+        return 0;
+    }
+
     /// The channels of what an item scatters.
     static constexpr int channels = [] {
         if constexpr (scatters) return int(Phase::Scatter::scratch_channels);
@@ -72,19 +94,22 @@ struct ShapeOfItems
     static constexpr int stored_channels = in_whole_vectors<Number>(channels);
     static constexpr std::uint32_t padding = 8; ///< a place is left free behind so many items
     /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
-    /// crowded; fewer where they scatter much.
+    /// crowded; fewer where they scatter much, so that as many groups fit as there are registers for.
     static constexpr std::uint32_t room = [] {
-        std::uint32_t most = d == 3 ? 640 : 384;
-        auto const bytes = [](std::size_t items) {
-            return (items + items / padding) * stored_channels * sizeof(Number);
+        constexpr std::size_t usual = 43 * 1024, declared = declared_results(most_teams);
+        auto const fit = [](std::size_t items) {
+            std::size_t const scattered = (items + items / padding) * stored_channels * sizeof(Number),
+                              all = before_contributions(items) + scattered;
+            return all <= most_shared &&
+                   (scattered <= usual || (groups <= 2 && all + declared <= most_shared));
         };
-        while (most > 64 &&
-               (bytes(most) > 43 * 1024 || before_contributions(most) + bytes(most) > most_shared))
-            most -= 64;
+        std::uint32_t most = d == 3 ? 640 : 320;
+        while (most > 64 && !fit(most)) most -= 64;
         return most;
     }();
     static constexpr int stride = int(room + room / padding);
-    static constexpr int layer_nodes = Shape::group_extent * Tile::plane; ///< under one group of cells
+    /// The nodes that belong to a layer of the stencils of cells that extend so far.
+    static constexpr int nodes_of_layer(int extent) { return (extent + int(depth) - 1) * Tile::plane; }
 
     // Where what lies in shared memory begins [bytes].
     static constexpr std::size_t begins = SharedTiles<GridType>::bytes(gathers, false);
@@ -101,13 +126,15 @@ struct ShapeOfItems
     }
     /// Whether, if there is one team, one of the two warps of a layer works on the cells with more items than
     /// the mean, so that the other has no need to wait for these: its tile of sums is one of all cells, if
-    /// there is room.
-    static constexpr bool divides_by_count = scatters && has_room_for_tiles(Shape::groups * layer_nodes);
+    /// there is room. Where there is but one layer this only lets its second warp wait.
+    static constexpr bool divides_by_count =
+        scatters && depth == 1 && has_room_for_tiles(nodes_of_layer(Shape::extent));
     /// Whether there is room for a tile of each warp's sums, or for one tile to which they add in turn.
-    static constexpr bool has_tiles_of_warps = divides_by_count || has_room_for_tiles(layer_nodes);
+    static constexpr bool has_tiles_of_warps =
+        divides_by_count || has_room_for_tiles(nodes_of_layer(Shape::group_extent));
     static constexpr int nodes_of_warp(unsigned teams)
     {
-        return (divides_by_count && teams == 1 ? Shape::groups : 1) * layer_nodes;
+        return nodes_of_layer(divides_by_count && teams == 1 ? Shape::extent : Shape::group_extent);
     }
     static constexpr std::size_t tiles(unsigned teams)
     {
@@ -116,9 +143,6 @@ struct ShapeOfItems
                                    ? teams * layers * Shape::groups * unsigned(nodes_of_warp(teams))
                                    : Tile::nodes);
     }
-    /// Whether threads leave their results in shared memory: unless they are many words, as those of several
-    /// obstacles are.
-    static constexpr bool leaves_results = moves && sizeof(typename Phase::Result) <= 64;
     /// The shared memory of a group of so many teams. What lies where contributions lay is the longest.
     static constexpr std::size_t bytes(unsigned teams = 1)
     {
@@ -127,12 +151,16 @@ struct ShapeOfItems
                          leaves_results ? teams * team_threads * sizeof(typename Phase::Result) : 0});
     }
 
-    /// How many teams share a block in a scene of so many blocks: the number is the same on every device,
-    /// since sums are added up team by team.
+    /// How many teams share a block in a scene of so many blocks: together at most as many threads as a large
+    /// device runs in two turns. The number is the same on every device, since sums are added up team by
+    /// team.
     static constexpr unsigned teams(std::uint32_t blocks)
     {
         static_assert(bytes(most_teams) <= most_shared, "a block's items do not fit into shared memory");
-        return most_teams * blocks > 1024 ? 1 : most_teams;
+        unsigned teams = most_teams;
+        while (teams > 1 && std::uint64_t(blocks) * teams * team_threads > 196608)
+            teams = std::max(1u, teams / 3);
+        return teams;
     }
 };
 
