@@ -54,10 +54,11 @@ struct ShapeOfItems
     /// largest group would not fit into the memory that a loop may declare.
     static constexpr bool has_long_results = moves && sizeof(typename Phase::Result) > 2560;
     /// Where there are few blocks, at most so many teams share the items of a block: a thread has one or two
-    /// items to gather then, in a block of eight per cell. A loop for them is compiled by itself, since so
-    /// many threads have fewer registers each, and a group of one team has to leave room for others.
-    static constexpr unsigned most_teams =
-        std::max(1u, (holds_much || has_long_results ? 384 : 576) / team_threads);
+    /// items to gather then, in a block of eight per cell, or one of four in the plane. A loop for them is
+    /// compiled by itself, since so many threads have fewer registers each, and a group of one team has to
+    /// leave room for others.
+    static constexpr unsigned most_threads = d == 2 ? 256 : holds_much || has_long_results ? 384 : 576;
+    static constexpr unsigned most_teams = std::max(1u, most_threads / team_threads);
     /// Groups of one team that must fit on a multiprocessor in the loop that moves items: this leaves 80
     /// registers per thread, or 168. With more of them and fewer threads the loop is slower, although the
     /// compiler spills some.
@@ -151,15 +152,13 @@ struct ShapeOfItems
                          leaves_results ? teams * team_threads * sizeof(typename Phase::Result) : 0});
     }
 
-    /// How many teams share a block in a scene of so many blocks: together at most as many threads as a large
-    /// device runs in two turns. The number is the same on every device, since sums are added up team by
-    /// team.
+    /// How many teams share a block in a scene of so many blocks: the number is the same on every device,
+    /// since sums are added up team by team.
     static constexpr unsigned teams(std::uint32_t blocks)
     {
         static_assert(bytes(most_teams) <= most_shared, "a block's items do not fit into shared memory");
         unsigned teams = most_teams;
-        while (teams > 1 && std::uint64_t(blocks) * teams * team_threads > 196608)
-            teams = std::max(1u, teams / 3);
+        while (teams > 1 && teams * blocks > 1024) teams /= 2;
         return teams;
     }
 };
