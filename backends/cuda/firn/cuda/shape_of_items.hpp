@@ -32,10 +32,11 @@ struct ShapeOfItems
         if constexpr (scatters) return unsigned(Phase::Scatter::width);
         return 2u;
     }();
-    /// How many of these are one layer, whose sums a thread has in its registers: all, as in the plane, if
-    /// they take few registers, so that each item is read once. Otherwise one.
+    /// How many of these are one layer, whose sums a thread has in its registers. In the plane all are, if
+    /// they take few registers, so that each item is read once. In space one is: with fewer threads for a
+    /// block, shared memory for its items would limit how many of them run at once.
     static constexpr unsigned depth = [] {
-        if constexpr (scatters) {
+        if constexpr (scatters && d == 2) {
             std::size_t const sums = std::size_t(Phase::Scatter::width * Phase::Scatter::rows) *
                                      std::size_t(Phase::Scatter::channels) * sizeof(Number);
             if (sums <= 64 * sizeof(std::uint32_t)) return unsigned(Phase::Scatter::width);
@@ -60,9 +61,10 @@ struct ShapeOfItems
     static constexpr unsigned most_threads = d == 2 ? 256 : holds_much || has_long_results ? 384 : 576;
     static constexpr unsigned most_teams = std::max(1u, most_threads / team_threads);
     /// Groups of one team that must fit on a multiprocessor in the loop that moves items: this leaves 80
-    /// registers per thread, or 168. With more of them and fewer threads the loop is slower, although the
-    /// compiler spills some.
-    static constexpr unsigned groups = std::max(1u, 65536 / (holds_much ? 168 : 80) / team_threads);
+    /// registers per thread, 100 with a linear kernel in space, or 168. With more of them and fewer threads
+    /// the loop is slower, although the compiler spills some.
+    static constexpr unsigned registers = holds_much ? 168 : layers == 2 ? 100 : 80;
+    static constexpr unsigned groups = std::max(1u, 65536 / registers / team_threads);
 
     static constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 15) / 16 * 16; }
     /// The shared memory of all but contributions, if chunks have so many items [bytes].
@@ -97,7 +99,7 @@ struct ShapeOfItems
     /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
     /// crowded; fewer where they scatter much, so that as many groups fit as there are registers for.
     static constexpr std::uint32_t room = [] {
-        constexpr std::size_t usual = 43 * 1024, declared = declared_results(most_teams);
+        constexpr std::size_t usual = (layers == 2 ? 37 : 43) * 1024, declared = declared_results(most_teams);
         auto const fit = [](std::size_t items) {
             std::size_t const scattered = (items + items / padding) * stored_channels * sizeof(Number),
                               all = before_contributions(items) + scattered;
