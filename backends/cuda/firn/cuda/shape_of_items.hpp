@@ -87,6 +87,11 @@ struct ShapeOfItems
             return teams * team_threads / 32 * sizeof(typename Phase::Result);
         return 0;
     }
+    /// Whether a group may have so much dynamic shared memory [bytes].
+    static constexpr bool may_have(std::size_t bytes)
+    {
+        return bytes <= least_shared || bytes + declared_results(most_teams) <= most_shared;
+    }
 
     /// The channels of what an item scatters.
     static constexpr int channels = [] {
@@ -99,12 +104,10 @@ struct ShapeOfItems
     /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
     /// crowded; fewer where they scatter much, so that as many groups fit as there are registers for.
     static constexpr std::uint32_t room = [] {
-        constexpr std::size_t usual = (layers == 2 ? 37 : 43) * 1024, declared = declared_results(most_teams);
+        constexpr std::size_t usual = (layers == 2 ? 37 : 43) * 1024;
         auto const fit = [](std::size_t items) {
-            std::size_t const scattered = (items + items / padding) * stored_channels * sizeof(Number),
-                              all = before_contributions(items) + scattered;
-            return all <= most_shared &&
-                   (scattered <= usual || (groups <= 2 && all + declared <= most_shared));
+            std::size_t const scattered = (items + items / padding) * stored_channels * sizeof(Number);
+            return (scattered <= usual || groups <= 2) && may_have(before_contributions(items) + scattered);
         };
         std::uint32_t most = d == 3 ? 640 : 320;
         while (most > 64 && !fit(most)) most -= 64;
@@ -124,8 +127,7 @@ struct ShapeOfItems
         contributions - aligned(Shape::cells + Shape::groups * sizeof(std::uint32_t));
     static constexpr bool has_room_for_tiles(int nodes)
     {
-        return contributions + most_teams * layers * Shape::groups * unsigned(nodes) * sizeof(Sums) <=
-               most_shared;
+        return may_have(contributions + most_teams * layers * Shape::groups * unsigned(nodes) * sizeof(Sums));
     }
     /// Whether, if there is one team, one of the two warps of a layer works on the cells with more items than
     /// the mean, so that the other has no need to wait for these: its tile of sums is one of all cells, if

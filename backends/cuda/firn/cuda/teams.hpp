@@ -21,14 +21,14 @@ inline constexpr unsigned block_threads = 64; ///< one per cell, and one per nod
 /// Shared memory that a device grants without a request, and the same less the little that loops declare
 /// [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024;
-/// The most that every device grants for which the program is compiled, less that too [bytes]: 64 KiB at
-/// compute capability 7.5, and 99 KiB or more from 8.0 on. Sums are added up chunk by chunk, so it may not
-/// depend on the device at hand.
-inline constexpr std::size_t most_shared = [] {
+/// The most that every device grants, less that too, and the same of those for which the program is compiled
+/// [bytes]: 64 KiB at compute capability 7.5, and 99 KiB or more from 8.0 on. Sums are added up chunk by
+/// chunk, so it may not depend on the device at hand.
+inline constexpr std::size_t least_shared = 60 * 1024, most_shared = [] {
 #ifdef __CUDA_ARCH_LIST__
-    if (std::min({__CUDA_ARCH_LIST__}) >= 800) return std::size_t(95) * 1024;
+    if (std::min({__CUDA_ARCH_LIST__}) >= 800) return std::size_t(95 * 1024);
 #endif
-    return std::size_t(60) * 1024;
+    return least_shared;
 }();
 
 /// Where there are few blocks, at most this many teams of `block_threads` rebin one and scatter its incoming
