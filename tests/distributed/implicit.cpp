@@ -113,3 +113,18 @@ TEST_CASE("a step that is not solved is the same Error on any number of ranks")
     });
     CHECK(said.size() == 1);
 }
+
+TEST_CASE("steps of a fixed number of products come to the same bits and numbers on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        auto solver = block(backend, 1e8, {.newton = 2, .linear = 7, .fixed = true}); // by coarse grids
+        Numbers all;
+        for (int i = 0; i < static_cast<int>(1 + 2 * part_of_time); ++i) {
+            solver.step(0.005, Gravity{}, Obstacle<HalfSpace>{.contact = Contact::coulomb(0.3)});
+            append_solved(all, solver.solved());
+            CHECK(solver.solved().products == 14);
+        }
+        append_all(all, solver);
+        return all;
+    });
+}

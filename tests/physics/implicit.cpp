@@ -529,6 +529,81 @@ TEST_CASE("what implicit steps do not know is refused, and a step that is not so
         std::string::npos);
 }
 
+// Ten products for each system leave a part of the residual, which the step is taken with all the same; what
+// is left of it after a system is the smaller the more systems there are. The block falls on a floor which it
+// meets with 4 m/s, so that it is squeezed by a third.
+TEST_CASE("implicit steps of a fixed number of products are taken whatever is left, and their cost is known")
+{
+    Obstacle<HalfSpace> const floor{.contact = Contact::sticky(), .motion = {.position = {0, -0.05, 0}}};
+    auto const run = [&](auto const& backend, Implicit const& by, int systems, int products, int steps) {
+        constexpr double h = 0.1;
+        ImplicitSolver<Mls> block(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+                                  {Mls{}, by}, {}, backend);
+        block.add(box_of_points<2>({0, 0}, {1.6, 1.2}, h), h * h / 4, {0, -4});
+        int unsolved = 0;
+        for (int i = 0; i < steps; ++i) {
+            block.step(0.01, Gravity{}, floor);
+            auto const& solved = block.solved();
+            unsolved += solved.converged ? 0 : 1;
+            CHECK(is_finite(solved.residual));
+            if (!by.fixed) continue;
+            CHECK(solved.newton == systems);
+            CHECK(solved.products == systems * products);
+            CHECK(solved.passes <= systems * (products + 4) + 3);
+            CHECK(solved.passes >= systems * (products + 1) + 1);
+            CHECK(solved.converged == (solved.residual <= solved.tolerance));
+        }
+        if (by.fixed && products < 10) CHECK(unsolved > 0);
+        return block.positions();
+    };
+    auto const apart = [](auto const& one, auto const& other) {
+        double squares = 0;
+        for (std::size_t i = 0; i < one.size(); ++i) squares += (one[i] - other[i]).squaredNorm();
+        return std::sqrt(squares / double(one.size()));
+    };
+    constexpr int steps = 30;
+    auto const fixed = [&](int systems, int products, auto const& backend) {
+        return run(backend, {.newton = systems, .linear = products, .fixed = true}, systems, products, steps);
+    };
+    auto const solved = run(TestedBackend{}, {.share = 1e-4}, 0, 0, steps),
+               rough = fixed(1, 5, TestedBackend{}), near = fixed(2, 20, TestedBackend{});
+    for (auto const& x : rough) REQUIRE(x.allFinite());
+    CHECK(apart(rough, solved) <= 0.02);
+    CHECK(apart(near, solved) <= 1e-3);
+    if constexpr (HasThreads<TestedBackend>)
+        for (int const threads : {1, 3}) CHECK(fixed(1, 5, on_threads<TestedBackend>(threads)) == rough);
+}
+
+TEST_CASE("a fixed number of iterations is refused where it is no bound, and takes no step without a state")
+{
+    auto const block = [](Implicit const& by) {
+        ImplicitSolver<Mls> of(lattice(0.1), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+                               {Mls{}, by});
+        of.add(box_of_points<2>({0, 0}, {0.5, 0.5}, 0.1), 0.1 * 0.1 / 4);
+        return of;
+    };
+    CHECK(refused([&] { block({.fixed = true}); }).remedy().find(".newton = 1") != std::string::npos);
+    refused([&] { block({.newton = 1, .linear = 10, .error = 1e-3, .fixed = true}); });
+    auto hasty = block({.newton = 1, .linear = 10, .fixed = true});
+    CHECK(refused([&] { hasty.settle(Gravity{}, Obstacle<HalfSpace>{.contact = Contact::sticky()}); })
+              .remedy()
+              .find("restore its snapshot") != std::string::npos);
+    // at rest without a load nothing is left to solve
+    hasty.step(0.01);
+    CHECK(hasty.solved().products == 0);
+    CHECK(hasty.solved().converged);
+    // two halves are driven through each other: in one direction by what they hold, so no share of it will do
+    auto const before = hasty.positions();
+    Obstacle<HalfSpace> const left{.shape = {{1, 0, 0}},
+                                   .contact = Contact::sticky(),
+                                   .motion = {.position = {0.22, 0, 0}, .velocity = {100, 0, 0}}},
+        right{.shape = {{-1, 0, 0}},
+              .contact = Contact::sticky(),
+              .motion = {.position = {0.28, 0, 0}, .velocity = {-100, 0, 0}}};
+    CHECK_THROWS_AS(hasty.step(0.1, left, right), StepError);
+    CHECK(hasty.positions() == before);
+}
+
 // An explicit scene holds nothing of it.
 static_assert(std::is_same_v<SteppedBy<Mls, SymplecticEuler>, Mls>);
 static_assert(values_of_solve<Mls, QuadraticBSpline, 3> == 0);

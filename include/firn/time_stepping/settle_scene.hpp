@@ -3,6 +3,7 @@
 
 #include <firn/core/all_ranks.hpp>
 #include <firn/core/cell_offset.hpp>
+#include <firn/core/error.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/phases/solve_particles.hpp>
@@ -246,6 +247,10 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
         }(typename Sets::Places{}),
         "a fluid bears no shear, so no solve finds its state of rest: take firn::settle(solver, ...) of "
         "firn/settle.hpp, or begin with hydrostatic() of firn/initial_stress.hpp");
+    require(!scene.transfer.integrator.fixed,
+            "a fixed number of iterations need not find a state of rest, and settle() asks for one",
+            "Solver::settle",
+            "Settle a solver whose Implicit::fixed is false, and restore its snapshot into this one.");
     constexpr double second = 1;
     double const now = next_.time_state.time;
     detail::require_to_last<Number>(now, second, "Solver::settle");

@@ -22,8 +22,8 @@ struct SolveReport
     double tolerance = 0;   ///< what it was to be [m/s]
     double largest = 0;     ///< the residual of the node where it is largest [m/s]
     Eigen::Vector3d where{0, 0, 0}; ///< that node [m]
-    bool converged = false;
-    double error = 0; ///< of positions in the step, if Implicit::error is above 0: see there [m]
+    bool converged = false; ///< the residual is as small; with Implicit::fixed other steps are taken, too
+    double error = 0;       ///< of positions in the step, if Implicit::error is above 0: see there [m]
 
     void begin_step()
     {

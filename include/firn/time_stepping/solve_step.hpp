@@ -13,9 +13,9 @@
 #include <firn/phases/solve_particles.hpp>
 #include <firn/phases/solve_search.hpp>
 #include <firn/phases/update_contact.hpp>
+#include <firn/time_stepping/log_solve.hpp>
 #include <firn/time_stepping/solve_memory.hpp>
 #include <firn/time_stepping/solve_report.hpp>
-#include <firn/time_stepping/step_log.hpp>
 #include <firn/time_stepping/step_scene.hpp>
 
 #include <algorithm>
@@ -29,38 +29,6 @@
 // The velocities of nodes at the end of an implicit step, by Newton's method.
 namespace firn
 {
-
-/// Logs that a step was not solved, or not as accurately as it should: it failed, as if a particle had.
-template <class Entry>
-struct LogUnsolved
-{
-    Entry* log;
-    int step;
-    FailureCause cause;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t) const
-    {
-        Entry& mine = log[step + 1];
-        mine.after.time_state = log[step].after.time_state;
-        mine.after.time_state.ready = false;
-        mine.after.cause = cause;
-        mine.after.failed = 1;
-        mine.after.material = 0;
-        mine.after.particle = 0;
-        mine.taken = 0;
-    }
-};
-
-/// Notes how long the next step may be, by the error of one that is being taken.
-template <class Entry>
-struct NoteAccuracy
-{
-    Entry* log;
-    int step;
-    double accurate; ///< [s]
-
-    FIRN_HOST_DEVICE void operator()(std::size_t) const { log[step].after.time_state.accurate = accurate; }
-};
 
 /// The solve of one step, from the sums that particles scattered to the velocities that they gather.
 ///
@@ -145,13 +113,17 @@ public:
         if (!update_contact(start, at)) return false;
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
-            if (report_.newton_of_step >= most_systems()) return false;
+            if (report_.newton_of_step >= most_systems()) {
+                if (!by_.fixed || !is_possible(at)) return false;
+                break;
+            }
             if (report_.newton_of_step == 0 && (at_rest_ || at.stiffest > stiff)) make_coarse_grids();
             double const slope = search();
             if (!step_along(slope, at) || !update_contact(start, at)) return false;
         }
         on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
-        return report_.converged = true;
+        report_.converged = report_.residual <= report_.tolerance;
+        return true;
     }
 
     /// Of a step that was solved: how long the next one may be, so that its error is as asked for [s]. Errors
@@ -329,7 +301,8 @@ private:
         call(conditioned, BeginSearch{search, forcing(), own_.coarse.added()});
         SearchState now;
         for (int queued = 0; queued < by_.linear && !now.has_ended;) {
-            int const ahead = Backend::queues ? now.expected(by_.linear - queued) : 1;
+            int ahead = by_.fixed ? by_.linear : 1;
+            if (Backend::queues && !by_.fixed) ahead = now.expected(by_.linear - queued);
             for (int i = 0; i < ahead; ++i) iterate(search);
             queued += ahead;
             now = *own_.search.read();
@@ -340,7 +313,11 @@ private:
     }
     /// The share of its residual at which a search ends. Where directions are kept those of a longer search
     /// are of use to the next ones, so this takes fewer systems and no more products.
-    double forcing() const { return own_.kept.are_kept() ? 0.3 * by_.forcing : by_.forcing; }
+    double forcing() const
+    {
+        if (by_.fixed) return 0;
+        return own_.kept.are_kept() ? 0.3 * by_.forcing : by_.forcing;
+    }
     /// An iteration of conjugate gradients.
     void iterate(SearchState* search)
     {
@@ -381,26 +358,29 @@ private:
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
-    /// residual there.
+    /// residual there. In a step of a fixed number of iterations an eighth is taken in any case in which no
+    /// particle is turned inside out, so that it has three residuals more for each system at most.
     bool step_along(double slope, Sums& at)
     {
-        constexpr double armijo = 1e-4;
+        constexpr double armijo = 1e-4, least = 0x1p-3;
         for (double share = 1; share > 0x1p-13; share /= 2) {
             on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, static_cast<Number>(share)});
             at = residual();
             if (drifts(at)) return false;
-            if (at.inverted == 0 && is_finite(at.first) && at.second <= (1 - 2 * armijo) * -slope)
-                return true;
+            bool const falls = at.second <= (1 - 2 * armijo) * -slope;
+            if (is_possible(at) && (falls || (by_.fixed && share <= least))) return true;
             ++report_.halvings;
         }
         note(at);
         return false;
     }
+    /// Whether a step with the velocities that were tried leaves a state.
+    static bool is_possible(Sums const& at) { return at.inverted == 0 && is_finite(at.first); }
     /// Whether the residual is small enough; says so in the report.
     bool is_solved(Sums const& at)
     {
         note(at);
-        return report_.residual <= report_.tolerance;
+        return report_.residual <= (by_.fixed ? rounding_ : report_.tolerance);
     }
     /// Whether the scene is to go so far in one load step that nothing can hold it along that way.
     bool drifts(Sums const& at)
@@ -417,8 +397,8 @@ private:
         report_.residual = std::sqrt(at.first / mass_);
         report_.tolerance = by_.tolerance > 0 ? by_.tolerance : by_.share * scale;
         // velocities are rounded, and so is the stress by which nodes resist their differences
-        report_.tolerance = std::max(report_.tolerance, double(std::numeric_limits<Number>::epsilon()) *
-                                                            speed * (1 + 2 * at.stiffest));
+        rounding_ = double(std::numeric_limits<Number>::epsilon()) * speed * (1 + 2 * at.stiffest);
+        report_.tolerance = std::max(report_.tolerance, rounding_);
         report_.largest = std::sqrt(at.most);
         report_.where = place_of(at.where);
     }
@@ -457,6 +437,7 @@ private:
     std::uint64_t held_ = 0;                    ///< nodes that obstacles hold which may let go, at rest
     int changes_ = 0;                           ///< how often that changed
     double mass_ = 0, outside_ = 0, speed_ = 0; ///< [mass units], [m/s], [m/s]
+    double rounding_ = 0;                       ///< of the residual [m/s]
 };
 
 } // namespace firn

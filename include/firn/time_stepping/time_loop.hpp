@@ -55,6 +55,12 @@ public:
                 text << own << ' ';
             text << control.retries;
             detail::require_same_on_ranks(scene.backend, "StepControl", text.str());
+            if constexpr (StepsImplicitly<Transfer>) {
+                Implicit const& by = scene.transfer.integrator;
+                detail::require_same_on_ranks(scene.backend, "Implicit",
+                                              detail::text_of(by.tolerance, by.share, by.forcing, by.newton,
+                                                              by.linear, by.coarse, by.error, by.fixed));
+            }
         }
     }
 

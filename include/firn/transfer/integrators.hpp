@@ -43,7 +43,12 @@ struct Implicit
     /// far as it is known from the trapezoidal rule, dt |v - v_before| / 2. Steps are as long as it allows;
     /// one with twice as much is repeated. 0: any.
     double error = 0;
+    /// For real time: each step solves exactly `newton` linear systems by exactly `linear` products each, and
+    /// is taken whatever residual is left, which Solver::solved() has. Fewer where rounding alone is left.
+    /// One in which a particle would be turned inside out, or not be finite, is a failed step all the same.
+    bool fixed = false;
 
+    static constexpr int most_fixed = 1000; ///< products in a step of a fixed number
     static constexpr auto name = "implicit";
     static constexpr double part_of_step = 1; ///< at which stress acts: its end
 
@@ -62,6 +67,12 @@ struct Implicit
         keep(linear > 0, "no product may be computed", "Pass the most of a linear system, e.g. 2000.");
         keep(is_finite(error) && error >= 0, "the error is not a finite number, 0 or above",
              "Pass metres in a step, or 0 for steps of any error.");
+        keep(!fixed || double(newton) * linear <= most_fixed,
+             "a step of a fixed number of iterations has more than a thousand products",
+             "Set the linear systems of each step and the products of each system, e.g. .newton = 1 and "
+             ".linear = 10: they are exact where `fixed` is true.");
+        keep(!fixed || !(error > 0), "a step of a fixed number of iterations is not repeated for its error",
+             "Leave `error` 0, or `fixed` false.");
     }
 };
 
