@@ -529,6 +529,51 @@ TEST_CASE("what implicit steps do not know is refused, and a step that is not so
         std::string::npos);
 }
 
+// A block that falls on a floor: in steps that motion alone bounds it takes 4.4 linear systems on the mean.
+TEST_CASE(
+    "advance takes shorter implicit steps after one with many linear systems, says so, and lets them grow")
+{
+    constexpr double h = 0.1;
+    Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
+    struct Ran
+    {
+        AdvanceReport report;
+        double systems; ///< in a step, on the mean
+    };
+    auto const run = [&](int target) {
+        Implicit by;
+        by.share = 1e-5;
+        by.target = target;
+        ImplicitSolver<Mls> block(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+                                  {Mls{}, by});
+        block.add(box_of_points<2>({0, 0.3}, {0.8, 1.1}, h), h * h / 4, {0, -4});
+        auto const report = block.advance(0.3, Gravity{}, floor);
+        return Ran{report, double(block.solved().newton) / double(report.substeps)};
+    };
+    auto const by = [](Ran const& of, StepLimit limit) {
+        return of.report.limited_by[static_cast<std::size_t>(limit)];
+    };
+    Ran const any = run(0), few = run(3), many = run(1000);
+    CAPTURE(any.report.substeps, any.systems, few.report.substeps, few.systems, few.report.rejected,
+            by(few, StepLimit::convergence), by(few, StepLimit::growth), any.report.smallest_dt,
+            few.report.smallest_dt, few.report.largest_dt, any.report.largest_dt);
+    CHECK(by(any, StepLimit::convergence) == 0);
+    CHECK(many.report.substeps == any.report.substeps);
+    CHECK(any.systems > 3.3);
+    CHECK(few.systems < any.systems - 0.2);
+    CHECK(by(few, StepLimit::convergence) > 5);
+    CHECK(few.report.smallest_dt < 0.8 * any.report.smallest_dt);
+    CHECK(by(few, StepLimit::growth) > 5); // after steps of fewer systems
+    CHECK(std::string(describe(StepLimit::convergence)) == "convergence");
+    CHECK(std::string(describe(StepLimit::duration)) == "duration");
+    CHECK(refused([] {
+              ImplicitSolver<Mls>(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+                                  {Mls{}, Implicit{.target = -1}});
+          })
+              .remedy()
+              .find("0 for any") != std::string::npos);
+}
+
 // Ten products for each system leave a part of the residual, which the step is taken with all the same; what
 // is left of it after a system is the smaller the more systems there are. The block falls on a floor which it
 // meets with 4 m/s, so that it is squeezed by a third.

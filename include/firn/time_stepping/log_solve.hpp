@@ -3,6 +3,7 @@
 
 #include <firn/core/failure_cause.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/time_stepping/stable_time_step.hpp>
 
 #include <cstddef>
 
@@ -31,15 +32,15 @@ struct LogUnsolved
     }
 };
 
-/// Notes how long the next step may be, by the error of one that is being taken.
+/// Notes how long the next step may be, by the error of one that is being taken, and by its linear systems.
 template <class Entry>
-struct NoteAccuracy
+struct NoteLongest
 {
     Entry* log;
     int step;
-    double accurate; ///< [s]
+    ChosenStep longest;
 
-    FIRN_HOST_DEVICE void operator()(std::size_t) const { log[step].after.time_state.accurate = accurate; }
+    FIRN_HOST_DEVICE void operator()(std::size_t) const { log[step].after.time_state.solvable = longest; }
 };
 
 } // namespace firn

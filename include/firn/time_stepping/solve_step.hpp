@@ -126,17 +126,28 @@ public:
         return true;
     }
 
-    /// Of a step that was solved: how long the next one may be, so that its error is as asked for [s]. Errors
-    /// go with the square of the length, and a tenth less of it is for those that grow.
-    double longest_accurate()
+    /// Of a step that was solved: how long the next one may be, by the error and by how many linear systems
+    /// it took. Errors go with the square of the length, and a tenth less of it is for those that grow. For
+    /// systems it is the root of their ratio, as Ramm (1981) chooses load steps. Of fewer of them than the
+    /// target it says nothing: a short step at the end of a call tells little of longer ones, and
+    /// StepControl::growth lets them grow.
+    ChosenStep longest_next()
     {
         constexpr double careful = 0.9;
-        if (!(by_.error > 0) || at_rest_ || !(mass_ > 0)) return std::numeric_limits<double>::infinity();
-        Sums const found = sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
-            {{}, static_cast<Number>(dt_)}, now_});
-        report_.error = std::sqrt(found.first / mass_);
-        if (!is_accurate()) report_.where = place_of(found.where);
-        return careful * dt_ * std::sqrt(by_.error / report_.error);
+        ChosenStep longest;
+        if (at_rest_ || !(mass_ > 0)) return longest;
+        double const length = dt_ / part_;
+        int const systems = report_.newton_of_step;
+        if (by_.target > 0 && !by_.fixed && systems > by_.target)
+            longest.bound(length * std::sqrt(double(by_.target) / systems), StepLimit::convergence);
+        if (by_.error > 0) {
+            Sums const found = sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
+                {{}, static_cast<Number>(dt_)}, now_});
+            report_.error = std::sqrt(found.first / mass_);
+            if (!is_accurate()) report_.where = place_of(found.where);
+            longest.bound(careful * length * std::sqrt(by_.error / report_.error), StepLimit::accuracy);
+        }
+        return longest;
     }
     /// Whether the step can be taken: with up to twice the error that is asked for, else many would be
     /// repeated.

@@ -24,17 +24,19 @@ enum class StepLimit
     obstacle,     ///< the fastest obstacle surface that touches something
     field,        ///< what the transfer carries beside mass and motion, such as heat that is conducted
     accuracy,     ///< the error of the step before: see Implicit::error
+    convergence,  ///< how many linear systems the step before took: see Implicit::target
     growth,       ///< the step before: steps grow by StepControl::growth at most
     duration,     ///< what is left of the time asked for
 };
 /// How many kinds of StepLimit there are.
-inline constexpr int step_limit_count = 10;
+inline constexpr int step_limit_count = 11;
 
 /// The limit in one word.
 constexpr char const* describe(StepLimit limit)
 {
-    constexpr char const* names[]{"wave",     "viscosity", "advection", "deformation", "acceleration",
-                                  "obstacle", "field",     "accuracy",  "growth",      "duration"};
+    constexpr char const* names[]{"wave",         "viscosity", "advection", "deformation",
+                                  "acceleration", "obstacle",  "field",     "accuracy",
+                                  "convergence",  "growth",    "duration"};
     return names[static_cast<int>(limit)];
 }
 

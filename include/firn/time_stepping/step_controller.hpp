@@ -35,8 +35,9 @@ struct TimeState
     PlannedStep scattered{}; ///< the step for which particles have scattered already
     PlannedStep now{};       ///< the step to take
     PlannedStep next{};      ///< the step after it, for which they scatter during `now`
-    /// The longest step that is as accurate as is asked for, by the error of the last one [s].
-    double accurate = std::numeric_limits<double>::infinity();
+    /// The longest step that is as accurate as is asked for, and takes as few linear systems, by what the
+    /// last implicit one had of both.
+    ChosenStep solvable{};
     bool ready = false; ///< `now` and `next` are up to date, for the same call as the step before
     double stable = 0;  ///< stable length of the step that begins now [s]
 };
@@ -112,7 +113,7 @@ struct TimeStepController
             time_state.next.interval.forces = forces(time_state.next, time_state.now.interval.length(), 0);
             return exactly_equal(time_state.scattered.interval.forces, time_state.now.interval.forces);
         }
-        longest_now.bound(time_state.accurate, StepLimit::accuracy);
+        longest_now.bound(time_state.solvable.dt, time_state.solvable.limit);
         PlannedStep best = plan(longest_now, time_state.time, end, time_state.previous, time_state.retries);
         best.interval.forces = forces(best, time_state.last, time_state.retries);
         double const planned = time_state.scattered.interval.length(), longest = best.interval.length();

@@ -114,9 +114,9 @@ public:
             auto step = solve_step(0);
             FailureCause cause = FailureCause::unsolved;
             if (step.solve()) {
-                double const accurate = step.longest_accurate();
+                ChosenStep const longest = step.longest_next();
                 if (is_of_given_length_ || step.is_accurate()) {
-                    memory_.backend.for_each(1, NoteAccuracy<Entry>{log_, 0, accurate});
+                    memory_.backend.for_each(1, NoteLongest<Entry>{log_, 0, longest});
                     return true;
                 }
                 cause = FailureCause::inaccurate;

@@ -59,7 +59,8 @@ public:
                 Implicit const& by = scene.transfer.integrator;
                 detail::require_same_on_ranks(scene.backend, "Implicit",
                                               detail::text_of(by.tolerance, by.share, by.forcing, by.newton,
-                                                              by.linear, by.coarse, by.error, by.fixed));
+                                                              by.linear, by.coarse, by.error, by.target,
+                                                              by.fixed));
             }
         }
     }

@@ -43,6 +43,9 @@ struct Implicit
     /// far as it is known from the trapezoidal rule, dt |v - v_before| / 2. Steps are as long as it allows;
     /// one with twice as much is repeated. 0: any.
     double error = 0;
+    /// How many linear systems a step of Solver::advance may take before the next one is shorter, by the root
+    /// of their ratio. Steps that take fewer let the next one grow. 0: any number.
+    int target = 10;
     /// For real time: each step solves exactly `newton` linear systems by exactly `linear` products each, and
     /// is taken whatever residual is left, which Solver::solved() has. Fewer where rounding alone is left.
     /// One in which a particle would be turned inside out, or not be finite, is a failed step all the same.
@@ -67,6 +70,8 @@ struct Implicit
         keep(linear > 0, "no product may be computed", "Pass the most of a linear system, e.g. 2000.");
         keep(is_finite(error) && error >= 0, "the error is not a finite number, 0 or above",
              "Pass metres in a step, or 0 for steps of any error.");
+        keep(target >= 0, "the target is below 0",
+             "Pass the linear systems from which on steps are shorter, e.g. 10, or 0 for any number.");
         keep(!fixed || double(newton) * linear <= most_fixed,
              "a step of a fixed number of iterations has more than a thousand products",
              "Set the linear systems of each step and the products of each system, e.g. .newton = 1 and "
