@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "support/policies.hpp"
+#include "support/refused.hpp"
 #include "support/tangent.hpp"
 
 #include <firn/models/plasticity/cam_clay.hpp>
@@ -238,7 +239,10 @@ TEST_CASE("settle refuses a state that is not finite, and leaves the last good o
                                                                               of_moduli<Overflowing>());
     block.add(box_of_points<2>({0, 0}, {0.3, 0.3}, 0.1), 0.1 * 0.1 / 4);
     auto const before = block.positions();
-    CHECK_THROWS_AS(block.settle(Gravity{}, Obstacle<HalfSpace>{.contact = Contact::sticky()}), Error);
+    auto const error =
+        refused([&] { block.settle(Gravity{}, Obstacle<HalfSpace>{.contact = Contact::sticky()}); });
+    CHECK(error.where() == std::string("Solver::settle"));
+    CHECK(std::string(error.remedy()).find("pass a smaller load") != std::string::npos);
     CHECK(block.positions() == before);
 }
 

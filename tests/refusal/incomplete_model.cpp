@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
 // missing; for devices with UNMARKED defined a step with one that they cannot call; with NO_EFFECT steps with
-// what is none; with NO_FIELD transfers that carry what is none.
+// what is none; with NO_PRODUCT an implicit step of a model for explicit ones; with NO_FIELD transfers that
+// carry what is none.
 #include <firn/firn.hpp>
 
 #if defined(__CUDACC__)
@@ -70,6 +71,12 @@ void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& sol
     solver.steps(2, 1e-4, std::vector<firn::Obstacle<firn::Sphere>>(2));
     solver.advance(1e-4, firn::RigidBody{});
 }
+#elif defined(NO_PRODUCT)
+template <class By>
+using StepsBy = firn::Solver<Backend, Model<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>,
+                             firn::QuadraticBSpline, firn::Apic, By>;
+void step(StepsBy<firn::SymplecticEuler>& solver) { solver.step(1e-4, firn::Gravity{}); }
+void step(StepsBy<firn::Implicit>& solver) { solver.step(1e-4, firn::Gravity{}); }
 #elif defined(NO_SURFACE)
 struct Nothing
 {};

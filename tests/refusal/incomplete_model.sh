@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
-# one that a device cannot call; so is a transfer scheme or a plastic flow, what is no effect of a scene, one of which
-# something would be ignored, a field that a transfer cannot carry, and an obstacle of a shape without a surface. So is
-# what is complete by itself but not together, such as bodies and a reflecting wall:
+# one that a device cannot call; so is one without a product in implicit steps, a transfer scheme or a plastic flow,
+# what is no effect of a scene, one of which something would be ignored, a field that a transfer cannot carry, and an
+# obstacle of a shape without a surface. So is what is complete by itself but not together, such as bodies and a
+# reflecting wall:
 # incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
@@ -51,6 +52,10 @@ others() {
     if compiles -DNO_EFFECT; then echo "steps with what is no effect compile."; exit 1; fi
     refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || true)
     [ "$refused" = 3 ] || { cat "$said"; echo "it is said $refused times that something is no effect, not three times."; exit 1; }
+    if compiles -DNO_PRODUCT; then echo "an implicit step of a model without a product compiles."; exit 1; fi
+    errors=$(grep -cE '(error: |: error)' "$said" || true)
+    refused=$(grep 'error' "$said" | grep -c "a material answers no product with its tangent" || true)
+    [ "$errors $refused" = "1 1" ] || { cat "$said"; echo "it is not said, alone, that a model has no product."; exit 1; }
     if compiles -DNO_FIELD; then echo "a transfer carries fields without their members."; exit 1; fi
     while read -r times member; do
         said_times=$(grep 'error' "$said" | grep -cF "the carried field lacks $member" || true)
@@ -135,4 +140,4 @@ if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothi
     grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
         { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
 fi
-echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is a transfer scheme or a flow without a member, what is no effect, an effect of which something would be ignored, an obstacle of no shape, and what does not go together"
+echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is a transfer scheme or a flow without a member, what is no effect, an implicit step of a model without a product, an effect of which something would be ignored, an obstacle of no shape, and what does not go together"

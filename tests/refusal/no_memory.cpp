@@ -163,6 +163,28 @@ TEST_CASE("where memory ends in the middle of a call, the solver goes on or says
                 make, [](Flight& f) { f.solver.snapshot(); }, 12);
         }
     }
+    SECTION("a snapshot where particles are in quarantine: their list finds its room before anything changes")
+    {
+        auto const with_a_list = [](bool keeps) {
+            Block block;
+            block.solver.quarantine(1);
+            std::vector<Eigen::Matrix2d> H(block.solver.size(), Eigen::Matrix2d::Zero());
+            H[0] = Eigen::Vector2d(-3, 0).asDiagonal();
+            block.solver.template upload<DisplacementGradient>(H);
+            block.solver.step(1e-3, Gravity{});
+            REQUIRE(block.solver.isolated().size() == 1);
+            auto state = block.solver.snapshot();
+            if (!keeps) state.isolated.clear();
+            block.solver.restore(state);
+            return block;
+        };
+        auto const broken_off = [&](bool keeps) {
+            auto const failures =
+                fail_everywhere([&] { return with_a_list(keeps); }, [](Block& b) { b.solver.snapshot(); });
+            return failures.all - failures.gone_on;
+        };
+        CHECK(broken_off(true) == broken_off(false));
+    }
     SECTION("restore")
     {
         auto const known = Block{}.solver.snapshot();

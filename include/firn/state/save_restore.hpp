@@ -69,11 +69,12 @@ void set_particles(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time
         orders.push_back(cell_order_of(scene.sets.template particles<k>(), from.materials[k]));
     });
     typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+    auto isolated = from.isolated;
     scene.change([&] {
         Sets::for_each([&](auto k) {
             restore_particles(scene.sets.template particles<k>(), from.materials[k], std::move(orders[k]));
         });
-        go_on_from(from, from.bounds, std::move(grid_state), from.isolated, scene, time_loop);
+        go_on_from(from, from.bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
     });
 }
 
@@ -88,9 +89,10 @@ auto save(Scene& scene, TimeLoop& time_loop)
 }
 
 /// Replaces a scene by that of a snapshot whose fields, parameters and cells are known to fit; `has_bounds`
-/// says whether its bounds of the next step hold.
+/// says whether its bounds of the next step hold, and `call` who asks for it.
 template <class Scene, class TimeLoop, class Number, int d>
-void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, TimeLoop& time_loop)
+void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, TimeLoop& time_loop,
+             char const* call)
 {
     using Sets = typename Scene::Sets;
     Sets sets = scene.sets.emptied(scene.lattice, Scene::Kernel::degree, scene.backend);
@@ -99,7 +101,7 @@ void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, Tim
         restore_particles(table, from.materials[k]);
         if constexpr (Sets::template may_object<k>)
             for_each_particle(table, [&](std::uint32_t row, auto const& particle) {
-                sets.template require_bearable<k>(table, row, particle, "Solver::restore");
+                sets.template require_bearable<k>(table, row, particle, call);
             });
     });
     StepBounds const bounds =
@@ -129,8 +131,10 @@ void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
         require_same_on_ranks(scene.backend, "Solver::restore", text.str());
     }
     bool const same_bounds = require_fits<Kernel>(from, scene.sets, scene.lattice, scene.transfer);
-    require_whole(from, Sets::CellOrder::largest_coordinate);
-    replace(from, same_bounds, scene, time_loop);
+    constexpr auto call = "Solver::restore";
+    require_whole(from, Sets::CellOrder::largest_coordinate, call,
+                  "Restore what Solver::snapshot has returned.");
+    replace(from, same_bounds, scene, time_loop, call);
 }
 
 } // namespace firn::detail

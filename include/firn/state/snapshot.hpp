@@ -58,11 +58,10 @@ namespace detail
 /// Refuses a snapshot that is inconsistent in itself, so that no solver can have made it.
 template <class Number, int d>
 void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const& masses,
-                   std::uint32_t next_id, double largest_coordinate, char const* call = "Solver::restore")
+                   std::uint32_t next_id, double largest_coordinate, char const* call,
+                   char const* remedy = "Pass what a solver of the same kind has returned.")
 {
-    auto const whole = [&](bool condition, char const* what) {
-        require(condition, what, call, "Pass what a solver of the same kind has returned.");
-    };
+    auto const whole = [&](bool condition, char const* what) { require(condition, what, call, remedy); };
     std::size_t const count = material.ids.size();
     whole(material.cells.size() == count, "there is not one cell per particle");
     constexpr double block = 16; // cells: a step may lead this far beyond before the next one is refused
@@ -91,13 +90,12 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
     }
 }
 
-/// The same of a whole scene.
+/// The same of a whole scene, for a call that says what to do.
 template <class Number, int d>
-void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinate)
+void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinate, char const* call,
+                   char const* remedy)
 {
-    auto const whole = [&](bool condition, char const* what) {
-        require(condition, what, "Solver::restore", "Restore what Solver::snapshot has returned.");
-    };
+    auto const whole = [&](bool condition, char const* what) { require(condition, what, call, remedy); };
     auto const not_negative = [](double value) { return is_finite(value) && value >= 0; };
     auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = snapshot.bounds;
     whole(is_finite(snapshot.time) && not_negative(snapshot.previous) && not_negative(snapshot.last),
@@ -115,7 +113,7 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     std::vector<std::uint32_t> ids;
     for (auto const& of : snapshot.materials) {
         whole(of.ids.empty() || masses.unit > 0, "the masses are out of range");
-        require_whole(of, masses, snapshot.next_id, largest_coordinate);
+        require_whole(of, masses, snapshot.next_id, largest_coordinate, call, remedy);
         ids.insert(ids.end(), of.ids.begin(), of.ids.end());
     }
     for (auto const& gone : snapshot.isolated) {

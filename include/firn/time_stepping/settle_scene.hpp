@@ -317,7 +317,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                     Sets::for_each([&](auto k) { std::get<k>(displaced).set(std::get<k>(found)); });
                     grid_state.take_lists(scene.grid_state);
                     scene.grid_state = std::move(grid_state);
-                    go_on_from({.time = next_.time_state.time}, isolated());
+                    go_on_from({.time = next_.time_state.time});
                 });
                 return true;
             }
@@ -328,9 +328,14 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             [&](auto k) { detail::displace<k>(scene, std::get<k>(found), snapshot.materials[k]); });
         snapshot.previous = snapshot.last = 0;
         snapshot.bounds = {};
-        detail::require_whole(snapshot, Sets::CellOrder::largest_coordinate);
+        constexpr auto call = "Solver::settle";
+        detail::require_whole(
+            snapshot, Sets::CellOrder::largest_coordinate, call,
+            "The load takes particles to where no scene can be, or makes values of them that "
+            "are not finite: pass a smaller load, or look at the material. The state is that "
+            "of the last load step that was found.");
         if constexpr (may_object)
-            detail::replace(snapshot, true, scene, *this);
+            detail::replace(snapshot, true, scene, *this, call);
         else
             detail::set_particles(snapshot, scene, *this);
         return true;

@@ -64,8 +64,9 @@ class SolveStep
                 AnswersProduct<typename MaterialTraits<k>::Model, typename Backend::template Lane<Number>> &&
                 ...);
         }(typename Sets::Places{}),
-        "a material answers no product with its tangent, which implicit steps ask for: add a member "
-        "product(state, change), see IMPLICIT.md, or choose SymplecticEuler");
+        "a material answers no product with its tangent, which implicit steps ask for: choose Fluid or a "
+        "solid of firn/models, add a member product(state, change), see IMPLICIT.md, or choose "
+        "SymplecticEuler");
     static_assert(!Sets::are_bodies,
                   "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
     static_assert(Actions::groups_at_surface == 0,

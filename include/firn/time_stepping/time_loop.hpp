@@ -222,6 +222,11 @@ public:
     void go_on_from(TimeState const& time_state, Failures isolated)
     {
         quarantine_.go_on_from(std::move(isolated));
+        go_on_from(time_state);
+    }
+    /// The same with the list as it is.
+    void go_on_from(TimeState const& time_state)
+    {
         next_.go_on_from(time_state);
         memory_.nodes_spoiled = false;
     }
