@@ -294,6 +294,25 @@ void check_no_shift_leads_deeper()
         CHECK(found.deeper < 1e-3);
         CHECK(found.inside == 0);
     }
+    // two boards that have no more than an edge in common, and what lies a little in them there
+    for (double const degrees : {0.0, 17.0, 45.0}) {
+        CAPTURE(degrees);
+        Eigen::Rotation2Dd const turn(degrees * M_PI / 180);
+        std::vector<Eigen::Vector2d> points;
+        for (double x = 0.2; x < 5; x += 0.45)
+            for (double y = 0.2; y < 5; y += 0.45) points.push_back(turn * Eigen::Vector2d(x, y) * cell);
+        for (double const x : {0.01, 0.05})
+            for (double const y : {0.004, 0.02, 0.07}) {
+                points.push_back(turn * Eigen::Vector2d(-x, y) * cell);
+                points.push_back(turn * Eigen::Vector2d(y, -x) * cell);
+            }
+        Found const found = correct<Backend>(
+            std::vector{board({10, 1}, turn * Eigen::Vector2d(10, -1), degrees),
+                        board({1, 10}, turn * Eigen::Vector2d(-1, 10), degrees)},
+            points, [&](Eigen::Vector2d const& x) { return -(turn.inverse() * x).minCoeff(); });
+        CHECK(found.deeper < 1e-3);
+        CHECK(found.inside == 0);
+    }
     for (double const angle : {60.0, 30.0, 15.0}) {
         CAPTURE(angle);
         double const half = angle / 2 * M_PI / 180;
@@ -348,6 +367,48 @@ TEST_CASE("no correction leads water deeper into solids, however densely it lies
 #if defined(FIRN_TESTS_ON_OPENMP)
     check_no_shift_leads_deeper<BasicOpenMP<openmp::ScalarLanes>>();
 #endif
+}
+
+using Squeezed = Combinations<Scene<KeepsVolume<Fluid<SolidFloat>>, CubicBSpline, Apic>,
+                              More<Scene<KeepsVolume<Fluid<Solid>>, QuadraticBSpline, Mls>>>;
+
+TEMPLATE_LIST_TEST_CASE("squeezed water gets through no edge that walls have in common", "[physics][volume]",
+                        Squeezed)
+{
+    double const half = 5 * cell, thick = 1.5 * cell, high = 2 * half;
+    for (auto const& [degrees, shifted] : {std::pair{0, 0.0}, {17, 0.3}, {30, 0.5}}) {
+        CAPTURE(degrees);
+        Eigen::Quaterniond const turn(
+            Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d(1, 1, 1).normalized()));
+        Eigen::Vector3d const origin = Eigen::Vector3d(1, 0.7, 1) * shifted * cell;
+        Obstacles<Box, ActsOn::surface> boards;
+        auto const add = [&](Eigen::Vector3d const& low, Eigen::Vector3d const& top) {
+            boards.list.push_back(
+                {.shape = {(top - low) / 2},
+                 .motion = {.position = origin + turn * ((low + top) / 2), .orientation = turn}});
+        };
+        double const out = half + thick;
+        add({-out, -half, 0}, {-half, half, 2 * high});
+        add({half, -half, 0}, {out, half, 2 * high});
+        add({-half, -out, 0}, {half, -half, 2 * high});
+        add({-half, half, 0}, {half, out, 2 * high});
+        add({-out, -out, -thick}, {out, out, 0});
+
+        typename TestType::Solver water(lattice(cell), materials::water<typename TestType::Space>(3));
+        auto points = box_of_points<3>({-half, -half, 0}, {half, half, high}, cell);
+        for (auto& x : points) {
+            x.z() *= 0.9;
+            x = origin + turn * x;
+        }
+        water.add(points, std::pow(cell / 2, 3));
+        water.advance(0.1, Gravity{turn * Eigen::Vector3d(0, 0, -g)}, boards);
+        std::size_t lost = 0;
+        for (auto const& x : water.positions()) {
+            Eigen::Vector3d const own = turn.inverse() * (x.template cast<double>() - origin);
+            lost += std::min(std::abs(own.x()), std::abs(own.y())) > half;
+        }
+        CHECK(lost == 0);
+    }
 }
 
 TEST_CASE("keeping its volume changes no momentum of a fluid", "[physics][volume]")

@@ -41,7 +41,7 @@ struct GatherShifts
     using Number = typename Space::Scalar;
     static constexpr CellWork work{.gathers = true};
     static constexpr int node_channels = channels_at_once<Kernel, d>; ///< all but the first are 0
-    static constexpr int scratch_channels = 2 * d;
+    static constexpr int scratch_channels = 2 * d + 1;
     /// The most that a particle is moved at once, along any axis [cells].
     static constexpr double most = 0.2;
     template <class Real>
@@ -74,6 +74,7 @@ struct GatherShifts
             auto const found = nodes.template at<false, true>(powers, of_cells);
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) row_of_cells.set_scratch(d + a, found.gradient[0][a]);
+            row_of_cells.set_scratch(2 * d, found.value[0]);
         }
 
         template <class Row, class Real = typename Row::Real>
@@ -82,6 +83,7 @@ struct GatherShifts
             using Nodes = Stencil<Kernel, Real, d>;
             Nodes const nodes(position_of<Real>(row_of_cells));
             Vector<Real, d> slopes = zeros<Vector<Real, d>>();
+            Real potential(0);
             FIRN_UNROLL_ON_DEVICE
             for (int row = 0; row < Nodes::rows; ++row) {
                 Real plain(0), slope(0);
@@ -94,9 +96,11 @@ struct GatherShifts
                 FIRN_UNROLL
                 for (int a = 0; a < Nodes::last; ++a) slopes[a] += plain * nodes.row_gradient(row, a);
                 slopes[Nodes::last] += slope * nodes.row_weight(row);
+                potential += plain * nodes.row_weight(row);
             }
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) row_of_cells.set_scratch(d + a, slopes[a]);
+            row_of_cells.set_scratch(2 * d, potential);
         }
     };
 
@@ -144,12 +148,13 @@ private:
                                                 Vector<Real, d>(shift * Real(cell))));
         if (near == 0) return;
         Number offsets[std::size_t(d)][std::size_t(width)], cells[std::size_t(d)][std::size_t(width)],
-            ways[std::size_t(d)][std::size_t(width)];
+            ways[std::size_t(d)][std::size_t(width)], potentials[std::size_t(width)];
         for (int a = 0; a < d; ++a) {
             LaneTraits<Real>::store(x[a], offsets[a]);
             LaneTraits<Real>::store(along[a], cells[a]);
             LaneTraits<Real>::store(shift[a], ways[a]);
         }
+        LaneTraits<Real>::store(items.scratch(2 * d), potentials);
         for_each_lane<width>(near, [&](int lane) {
             LanePosition<Number, d> place{lattice, items.first(), zeros<Vector<Number, d>>(),
                                           kernel_reach(Kernel::degree)};
@@ -159,7 +164,9 @@ private:
                 place.offset[a] = offsets[a][lane] + to_node;
                 way[a] = ways[a][lane] * cell;
             }
-            way = solids(place, way, static_cast<Number>(most) * cell);
+            // the potential is 0 where no fluid is, so its amount grows towards the fluid
+            Vector<Number, d> const inwards = way * (potentials[lane] < Number(0) ? Number(-1) : Number(1));
+            way = solids(place, way, inwards, static_cast<Number>(most) * cell);
             for (int a = 0; a < d; ++a) ways[a][lane] = way[a] / cell;
         });
         for (int a = 0; a < d; ++a) shift[a] = LaneTraits<Real>::load(ways[a]);

@@ -14,12 +14,15 @@ namespace firn
 /// What keeps a particle that is moved, as one of a fluid that keeps its volume, out of solids that act at
 /// their surface alone.
 ///
+/// A shift begins outside of solids, and ends where it would lead into one: from there it goes on along the
+/// face, a little in front of it. So none leads through an edge that two boards have in common.
+///
 /// Where material flows along a surface and leaves it, as below a jet that a wall turns, velocities grow with
-/// the distance from the surface, on both sides of it: what is a little inside is driven deeper. So a shift
-/// that ends in a solid by less than half a cell goes on until it is out of it. A face that lies inside
-/// another solid is no surface. A particle that does not come out so comes out by the nearest way without its
-/// shift. One that finds no way, or lies deeper, where the nearest face may be that at the solid's back, is
-/// not moved. So no shift leads deeper into a solid.
+/// the distance from the surface, on both sides of it: what is a little inside is driven deeper. So what lies
+/// in a solid by less than half a cell is first moved out of it, by the nearest way, or at an edge through
+/// the face on the side of the material. A face that lies inside another solid is no surface. What finds no
+/// way, or lies deeper, where the nearest face may be that at the solid's back, is not moved. So no shift
+/// leads deeper into a solid.
 template <class Number, int d, class Effects>
 struct KeepOutOfSolids
 {
@@ -41,29 +44,32 @@ struct KeepOutOfSolids
     }
 
     /// `shift` [m] as it is to be, from a place at the beginning of the step: no component of it is larger
-    /// than `bound`.
+    /// than `bound`. Most material lies in about the direction `inwards`, of any length.
     FIRN_HOST_DEVICE Vector<Number, d> operator()(LanePosition<Number, d> const& place,
-                                                  Vector<Number, d> const& shift, Number bound) const
+                                                  Vector<Number, d> const& shift,
+                                                  Vector<Number, d> const& inwards, Number bound) const
     {
-        Vector<Number, d> way = shift;
+        Vector<Number, d> const stays = zeros<Vector<Number, d>>();
+        Vector<Number, d> out = stays;
+        if (!lead_out(place, inwards, out)) return stays;
         for (bool const in_parts : {false, true}) { // the nearest way may take several corrections
-            if (lead_out(place, way)) {
+            Vector<Number, d> way = in_parts ? out : go_along_faces(place, out, shift);
+            if (in_parts || lead_out(place, inwards, way)) {
                 Number const most = largest_component<Number, d>(way);
                 if (!(most > bound)) return way;
                 way *= bound / most;
                 if (!leads_deeper(place, way, in_parts)) return way;
             }
-            way = zeros<Vector<Number, d>>();
         }
-        return way;
+        return stays;
     }
 
 private:
     using At = SurfaceAt<Number, d>;
-    /// In cells; a solid's surface moves by less than `moves_less` in a step, and what lies inside by less
-    /// than `rounding` is at its surface.
+    /// In cells; a solid's surface moves by less than `moves_less` in a step, what lies inside by less than
+    /// `rounding` is at its surface, and what lies less than `at_edge` below two faces is at their edge.
     static constexpr Number deepest = Number(0.5), little = Number(0.02), moves_less = Number(0.5),
-                            rounding = Number(5e-4);
+                            rounding = Number(5e-4), at_edge = Number(0.2);
 
     template <class Use>
     FIRN_HOST_DEVICE void for_each_solid(LanePosition<Number, d> const& place, Use const& use) const
@@ -96,8 +102,42 @@ private:
                (end.at.distance < least && !is_free(place, end.way, end.at.normal, solid));
     }
 
+    /// A way that ends in no solid, and behind it a shift that goes along the faces to which it leads.
+    ///
+    /// A convex solid lies behind the plane that touches it where it is nearest. So the shift is free up to
+    /// the first of these planes. There it either is at a solid, or finds the planes anew: that of a board
+    /// goes on beyond its end. Of other shapes the plane is an estimate, and the end is to be looked at.
+    FIRN_HOST_DEVICE Vector<Number, d> go_along_faces(LanePosition<Number, d> const& place,
+                                                      Vector<Number, d> way, Vector<Number, d> shift) const
+    {
+        constexpr int planes = 6;
+        Number const beside = in_metres(place, little), least = in_metres(place, rounding);
+        for (int plane = 0; plane < planes; ++plane) {
+            Number share(1);
+            for_each_solid(place, [&](std::uint32_t, auto const& solid) {
+                if (solid.on_particles) return;
+                At const at = end_of(place, solid, way).at;
+                Number const before = max(at.distance - beside, Number(0)),
+                             closer = -dot<Number, d>(at.normal, shift);
+                if (closer > at.distance - beside)
+                    share = min(share, closer > before ? before / closer : Number(0));
+            });
+            way += shift * share;
+            if (!(share < Number(1))) return way;
+            shift *= 1 - share;
+            for_each_solid(place, [&](std::uint32_t, auto const& solid) {
+                if (solid.on_particles) return;
+                At const at = end_of(place, solid, way).at;
+                Number const missing = beside - at.distance - dot<Number, d>(at.normal, shift);
+                if (at.distance < beside + least && missing > Number(0)) shift += at.normal * missing;
+            });
+        }
+        return way;
+    }
+
     /// Lengthens a way until it ends in no solid. Returns whether it does.
-    FIRN_HOST_DEVICE bool lead_out(LanePosition<Number, d> const& place, Vector<Number, d>& way) const
+    FIRN_HOST_DEVICE bool lead_out(LanePosition<Number, d> const& place, Vector<Number, d> const& inwards,
+                                   Vector<Number, d>& way) const
     {
         // in a corner one solid moves particles into the other, and distances may be estimates
         constexpr int passes = 5;
@@ -108,7 +148,7 @@ private:
                 End const end = end_of(place, solid, way);
                 if (!is_inside(place, number, end)) return;
                 ends_inside = true;
-                if (push_out(place, number, solid, end, way)) moves = true;
+                if (push_out(place, number, solid, end, inwards, way)) moves = true;
             });
             if (!moves) return !ends_inside;
         }
@@ -133,19 +173,29 @@ private:
     /// Lengthens the way to the face through which it leads into a solid. Returns whether it did.
     template <class Solid>
     FIRN_HOST_DEVICE bool push_out(LanePosition<Number, d> const& place, std::uint32_t number,
-                                   Solid const& solid, End const& ending, Vector<Number, d>& way) const
+                                   Solid const& solid, End const& ending, Vector<Number, d> const& inwards,
+                                   Vector<Number, d>& way) const
     {
         auto const& [end, at] = ending;
         if (!(at.distance > -in_metres(place, deepest))) return false;
         Vector<Number, d> const nearest = at.normal * -at.distance;
-        if (is_free(place, Vector<Number, d>(end + nearest), at.normal, number)) {
+        bool const is_open = is_free(place, Vector<Number, d>(end + nearest), at.normal, number);
+        // beside an edge it may have come through either face
+        if (is_open && !(dot<Number, d>(at.normal, inwards) < Number(0))) {
             way += nearest;
             return true;
         }
         // as the end of a tile at the next one: then the nearest face behind it
         Vector<Number, d> found = out_of(place, solid, end, Vector<Number, d>(at.normal * Number(-1)));
-        bool has_found = dot<Number, d>(found, found) > Number(0) &&
-                         is_free(place, Vector<Number, d>(end + found), direction(found));
+        Number const length = dot<Number, d>(found, found), near = in_metres(place, at_edge);
+        bool has_found =
+            length > Number(0) && is_free(place, Vector<Number, d>(end + found), direction(found));
+        if (is_open) {
+            bool const is_edge =
+                has_found && length < near * near && dot<Number, d>(found, inwards) > Number(0);
+            way += is_edge ? found : nearest;
+            return true;
+        }
         // or as a floor below the edge of a wall: out of that, too
         Vector<Number, d> const foot = end + nearest, above = foot + at.normal * in_metres(place, little);
         for_each_solid(place, [&](std::uint32_t, auto const& other) {
