@@ -23,7 +23,9 @@ struct FreeMotion
     Real moves; ///< how far c(c(v)) is from c(v), which contact leaves as it is
 };
 
-/// Asks effects about motion along each axis, forth and back.
+/// Asks effects about motion along each axis, forth and back, and whether they also let go of it or take hold
+/// of it at speeds beyond that of any obstacle: one that moves as fast as it is asked about would seem to
+/// hold on, or not to be there.
 template <Lane Real, int d, class Touched>
 FIRN_HOST_DEVICE FreeMotion<Real, d> free_motion(Touched const& touched)
 {
@@ -43,6 +45,12 @@ FIRN_HOST_DEVICE FreeMotion<Real, d> free_motion(Touched const& touched)
         compare(motion.bent, Vector<Real, d>(forth + back - motion.still * Real(2)));
         compare(motion.moves, Vector<Real, d>(touched(forth) - forth));
         compare(motion.moves, Vector<Real, d>(touched(back) - back));
+        constexpr double beyond = 0x1p40; // [m/s]
+        along[a] = Real(ScalarOf<Real>(beyond));
+        Vector<Real, d> both = touched(along);
+        along[a] = Real(ScalarOf<Real>(-beyond));
+        both += touched(along) - motion.still * Real(2);
+        compare(motion.bent, Vector<Real, d>(both * Real(ScalarOf<Real>(1 / beyond))));
     }
     Matrix<Real, d> const& P = motion.free;
     Matrix<Real, d> const twice = product<Real, d>(P, P);
