@@ -153,7 +153,8 @@ protected:
 
 /// On nodes that have mass and momentum again: the grid update of the step, with the impulse of stress that
 /// was found. Effects act as in UpdateGrid and obstacles receive what they hold back, and then nodes take the
-/// solution.
+/// solution. Where that is the velocity in the middle of the step, forces act until then, and obstacles
+/// receive twice what they hold back of it: velocities at the end are as far beyond.
 template <class Space, class Kernel, class Transfer, class Effects>
 struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
 {
@@ -177,16 +178,14 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         auto const sum = [&](int c) {
             Real total = node.sum(c);
             if (at_rest && c >= Sums::momentum && c < Sums::momentum + d) total = Real(0);
-            if (c >= Sums::impulse && c < Sums::impulse + d)
-                total -= node.value(Own::impulse + c - Sums::impulse) * Real(steps_of_impulse);
+            if (c >= Sums::impulse && c < Sums::impulse + d) total -= not_given(node, c - Sums::impulse);
             return total;
         };
         auto const set = [&](int c, Real const& value) {
             bool const is_velocity = c >= Values::velocity && c < Values::velocity + d;
             node.set(c, is_velocity ? node.value(Own::solution + c - Values::velocity) : value);
         };
-        this->template update<Real>(
-            place, sum, [](int) { return Real(0); }, set, Real(0) <= Real(0), reactions);
+        act<Real>(place, sum, set, Real(0) <= Real(0), reactions);
     }
 
     template <class Node>
@@ -210,13 +209,17 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         NodesBesideWalls<Own, Node, Mirrored, d> both(node, mirrored);
         Mask<Real> const received = both.counts();
         Real values[std::size_t(Update::channels)];
-        this->template update<Real>(
-            place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
+        act<Real>(
+            place, [&](int c) { return mirrored.sums[c]; },
             [&](int c, Real const& value) { values[c] = value; }, received, reactions);
         Real solution[std::size_t(d)];
         for (int a = 0; a < d; ++a) { // nodes on a wall hold what it receives until it is booked
             solution[a] = both.value(Own::solution + a);
-            values[Values::velocity + a] = select(both.on_wall(a), values[Values::velocity + a], solution[a]);
+            Real& velocity = values[Values::velocity + a];
+            velocity = select(both.on_wall(a), velocity, solution[a]);
+            if constexpr (ends_beyond) // the velocity at the end of the step
+                velocity = velocity * Real(steps_of_impulse) -
+                           values[Values::old_velocity + a] * Real(steps_of_impulse - 1);
         }
         this->book_walls(mirrored, values, place.relative_to({0, 0, 0}), received, reactions);
         for (int a = 0; a < d; ++a) values[Values::velocity + a] = solution[a];
@@ -227,6 +230,32 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
     }
 
 private:
+    /// Whether the solution is the velocity before the end of the step.
+    static constexpr bool ends_beyond = Transfer::Integrator::part_of_step < 1;
+
+    /// What nodes lack at the time of the solution of what other forces give in the step: the impulse of
+    /// stress, and what these give after that time.
+    template <class Node, class Real = typename Node::Real>
+    FIRN_HOST_DEVICE Real not_given(Node const& node, int a) const
+    {
+        Real lacks = node.value(Own::impulse + a);
+        if constexpr (ends_beyond)
+            lacks += (node.value(Own::mass) * node.value(Own::target + a) - node.sum(Sums::momentum + a)) *
+                     Real(steps_of_impulse - 1);
+        return lacks;
+    }
+
+    /// UpdateGrid's update, of which obstacles receive what belongs to the whole step.
+    template <class Real, class Sum, class Set>
+    FIRN_HOST_DEVICE void act(LanePosition<Real, d> const& place, Sum const& sum, Set const& set,
+                              Mask<Real> const& received, Result& reactions) const
+    {
+        auto free = this->template free_node<Real>(
+            place, sum, [](int) { return Real(0); }, set, received);
+        if constexpr (ends_beyond) free.nodes.booked_mass *= Real(steps_of_impulse);
+        this->template finish_node<Real>(place, free, free.velocity, sum, set, reactions);
+    }
+
     /// Adds the impulse of stress to the sums of nodes and their images.
     template <class Real, class Node, class Mirrored>
     FIRN_HOST_DEVICE void add_stress(Node& node, Mirrored& mirrored) const
@@ -234,7 +263,7 @@ private:
         NodesBesideWalls<Own, Node, Mirrored, d> const both(node, mirrored);
         for (int a = 0; a < d; ++a) {
             if (at_rest) mirrored.sums[Sums::momentum + a] = Real(0);
-            mirrored.sums[Sums::impulse + a] -= both.value(Own::impulse + a) * Real(steps_of_impulse);
+            mirrored.sums[Sums::impulse + a] -= not_given(both, a);
         }
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
             WallPlane const& wall = mirrored.walls[w];
