@@ -56,8 +56,9 @@ public:
     /// effects do, without inertia, in as many load steps as let no node move by a cell. The scene's time
     /// does not pass, and velocities are zero afterwards. Something has to hold the scene.
     ///
-    /// Throws a StepError that names the place of the largest residual if there is no such state to be found.
-    /// The state is then that of the last load step that was.
+    /// Throws an Error if there is no such state to be found. It names the place of the largest residual, or
+    /// one that nothing holds; where a particle has no stress to balance anything, it is a StepError that
+    /// names this. The state is then that of the last load step that was found.
     template <class... Effects>
     RestReport settle(Effects const&... effects)
     {

@@ -229,6 +229,20 @@ template <class Sets, class Controller, class Values>
     throw StepError{failure, what.str(), where.str(), remedy.str()};
 }
 
+/// Throws where no state of rest is found because of a particle that has no stress.
+[[noreturn, gnu::cold]] inline void throw_without_stress(StepFailure const& failure,
+                                                         std::string const& material, int d)
+{
+    std::ostringstream what;
+    what << "particle " << failure.particle << material << " " << describe(failure.cause)
+         << ", so it has no stress that could balance a load";
+    if (failure.count > 1) what << ", as have " << failure.count - 1 << " more";
+    throw StepError{
+        failure, what.str(), "Solver::settle, " + at_place(failure, d),
+        "The state is that of the last load step that was found. Remove such particles (remove_if), "
+        "or upload a DisplacementGradient with det F > 0 and no larger than a material bears."};
+}
+
 /// Throws where no step advances time any more, as the chosen one shows. `since` is the particle that causes
 /// it, if known; the rest is as for throw_step_error.
 [[noreturn, gnu::cold]] inline void throw_no_step(TimeState const& time_state,

@@ -360,7 +360,10 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             if (memory_.solve.refused != nullptr) refuse_step(scene);
             share /=
                 memory_.solve.loose != nullptr ? 8 : 2; // what slides at all loads need not be tried at each
-            if (share < smallest_load) fail_to_rest();
+            if (share < smallest_load) {
+                require_stress(scene);
+                fail_to_rest();
+            }
         }
         next_.find_bounds_at_rest(
             scene, [&](auto k) { return largest ? (*largest)[k] : detail::largest_modulus<k>(scene.sets); });

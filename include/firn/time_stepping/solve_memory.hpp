@@ -42,6 +42,7 @@ public:
     SolveReport report{};          ///< of the last step; its counts are those of the call
     char const* refused = nullptr; ///< why the last step cannot be solved at all, if so
     char const* loose = nullptr;   ///< why nothing held the scene in the last load step, if so
+    bool is_everywhere = false;    ///< the last step failed in all of the scene, not at the report's place
     bool at_rest = false;          ///< the scene is brought to rest
     double left_out = 0;           ///< the share of the load that is left for another load step
 

@@ -89,8 +89,8 @@ public:
     bool solve()
     {
         report_.begin_step();
-        own_.refused = nullptr;
-        own_.loose = nullptr;
+        own_.refused = own_.loose = nullptr;
+        own_.is_everywhere = false;
         Sums const start = sums_on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
             {update(), at_rest_, static_cast<Number>(part_)}, now_});
         mass_ = start.first;
@@ -99,7 +99,8 @@ public:
             report_.where = place_of(start.where);
             return refuse(not_contact());
         }
-        if (at_rest_ && start.held + start.touching == 0)
+        own_.is_everywhere = at_rest_ && start.held + start.touching == 0;
+        if (own_.is_everywhere)
             return refuse("nothing holds the scene, so there is no state of rest to find");
         own_.coarse.clear();
         own_.kept.clear();
@@ -114,6 +115,7 @@ public:
         if (!update_contact(start, at)) return false;
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
+            if (!is_finite(report_.tolerance)) return false;
             if (report_.newton_of_step >= most_systems()) {
                 if (!by_.fixed || !is_possible(at)) return false;
                 break;
@@ -142,8 +144,7 @@ public:
         if (by_.target > 0 && !by_.fixed && systems > by_.target)
             longest.bound(length * std::sqrt(double(by_.target) / systems), StepLimit::convergence);
         if (by_.error > 0) {
-            Sums const found = sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
-                {{}, static_cast<Number>(dt_)}, now_});
+            Sums const found = found_of_change();
             report_.error = std::sqrt(found.first / mass_);
             if (!is_accurate()) report_.where = place_of(found.where);
             longest.bound(careful * length * std::sqrt(by_.error / report_.error), StepLimit::accuracy);
@@ -256,6 +257,7 @@ private:
             std::uint64_t const held = merged_result(memory_.backend, own_.sums, found).held;
             if (start.held + held == 0) {
                 own_.loose = "the load lifts the scene off all that it touches, and nothing else holds it";
+                own_.is_everywhere = true;
                 return false;
             }
             changes_ += held != held_ ? 1 : 0;
@@ -393,11 +395,13 @@ private:
     }
     /// Whether a step with the velocities that were tried leaves a state.
     static bool is_possible(Sums const& at) { return at.inverted == 0 && is_finite(at.first); }
-    /// Whether the residual is small enough; says so in the report.
+    /// Whether the residual is small enough; says so in the report. Where stiffness is beyond all numbers, so
+    /// is the tolerance, and nothing is solved.
     bool is_solved(Sums const& at)
     {
         note(at);
-        return report_.residual <= (by_.fixed ? rounding_ : report_.tolerance);
+        return is_finite(report_.tolerance) &&
+               report_.residual <= (by_.fixed ? rounding_ : report_.tolerance);
     }
     /// Whether the scene is to go so far in one load step that nothing can hold it along that way.
     bool drifts(Sums const& at)
@@ -405,7 +409,16 @@ private:
         constexpr double farthest = 1e3; // [cells]
         if (!at_rest_ || std::sqrt(at.third / mass_) < farthest * memory_.lattice.cell_size) return false;
         own_.loose = "the scene is free to slide or to turn, and the load drives it there";
+        // where it goes furthest, beside which velocities that it had are nothing
+        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        report_.where = place_of(found_of_change().where);
         return true;
+    }
+    /// What EstimateError finds of the change of velocities.
+    Sums found_of_change() const
+    {
+        return sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
+            {{}, static_cast<Number>(dt_)}, now_});
     }
     void note(Sums const& at)
     {

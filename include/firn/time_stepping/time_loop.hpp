@@ -382,10 +382,23 @@ private:
     [[noreturn, gnu::cold]] void refuse_step(Scene& scene)
     {
         regain_velocities(scene);
-        throw Error{memory_.solve.refused, detail::at_place(solved().where, d),
+        throw Error{memory_.solve.refused, place_of_solve(),
                     "Pass obstacles that hold the scene against its load, held regions, forces and gravity, "
                     "or choose "
                     "SymplecticEuler."};
+    }
+    /// Where a solve did not go on, if that is not so in all of a scene that is to rest.
+    std::string place_of_solve() const
+    {
+        std::string const call = memory_.solve.at_rest ? "Solver::settle" : "an implicit step";
+        return memory_.solve.is_everywhere ? call : call + ", " + detail::at_place(solved().where, d);
+    }
+    /// Where no load step was found, since a particle has no stress as it is.
+    [[gnu::cold]] void require_stress(Scene const& scene) const
+    {
+        auto const without = detail::without_stress(scene.sets, 0, next_.time_state.time, 0);
+        if (without.empty()) return;
+        detail::throw_without_stress(without.front(), Sets::name(without.front().material), d);
     }
     [[noreturn, gnu::cold]] void fail_to_rest() const
     {
@@ -393,7 +406,7 @@ private:
             memory_.solve.loose != nullptr ? memory_.solve.loose : detail::in_words(solved(), d);
         throw Error{"no state of rest was found for a load step of " + std::to_string(smallest_load) +
                         " of the load: " + why,
-                    "Solver::settle",
+                    place_of_solve(),
                     "The state is that of the last load step that was found. Look at what is not held, at "
                     "loads beyond what the material bears, or at few particles per cell: 9 in the plane."};
     }
