@@ -17,6 +17,7 @@
 #include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/models/varied.hpp>
 #include <firn/sampling/fill.hpp>
+#include <firn/transfer/asflip.hpp>
 #include <firn/transfer/carrying.hpp>
 #include <firn/transfer/conduction.hpp>
 #include <firn/transfer/marks.hpp>
@@ -77,3 +78,24 @@ void shapes(Deforming const& shape)
     firn::Force<Deforming>{.shape = shape}.validate();
     firn::fill<2>(shape, firn::Filling{.spacing = 0.1});
 }
+
+// implicit steps: see IMPLICIT.md
+template <class Transfer, class Model = Solid, class By = firn::Implicit>
+using SolverBySolving = firn::Solver<Backend, Model, firn::QuadraticBSpline, Transfer, By>;
+using Water = firn::Fluid<firn::Space<2, float>>;
+struct WithoutProduct : Solid
+{
+    void product() const;
+};
+void implicit_steps(SolverBySolving<firn::Flip>& solver, SolverBySolving<firn::Mls, Two>& of_bodies,
+                    SolverBySolving<firn::Mls, WithoutProduct>& of_others)
+{
+    solver.step(1e-4, firn::LocalDamping{});
+    solver.step(1e-4, AtSurface{});
+    of_bodies.step(1e-4);
+    of_others.step(1e-4);
+}
+void rest(SolverBySolving<firn::Mls, Water>& solver) { solver.settle(firn::Gravity{}); }
+std::size_t with_xpic = sizeof(firn::SteppedBy<firn::Xpic, firn::Implicit>);
+std::size_t with_asflip = sizeof(firn::SteppedBy<firn::Asflip, firn::Implicit>);
+std::size_t midpoint_with_mls = sizeof(firn::SteppedBy<firn::Mls, firn::ImplicitMidpoint>);
