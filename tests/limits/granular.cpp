@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "limits/hard_case.hpp"
+#include "limits/stack.hpp"
 #include "problems/sand_column.hpp"
 #include "support/one_element.hpp"
 
@@ -7,6 +7,7 @@
 
 using namespace firn;
 using namespace firn::test;
+using namespace firn::test::stack;
 
 // Hard cases of sand, and of two bodies that have little in common.
 namespace
@@ -23,21 +24,6 @@ Sand<Plane> sand(double young)
     Sand<Plane> model;
     model.elasticity = lame<double>(young, 0.3);
     return model;
-}
-
-Obstacle<HalfSpace> half_space(Eigen::Vector3d const& normal, Eigen::Vector3d const& through, Contact contact)
-{
-    return {.shape = {normal}, .contact = contact, .motion = {.position = through}};
-}
-
-/// The root of the mean squared speed [m/s].
-template <class Solver>
-double mean_speed(Solver const& solver)
-{
-    double squares = 0;
-    auto const v = solver.template download<Velocity>();
-    for (auto const& u : v) squares += double(u.squaredNorm()) / double(v.size());
-    return std::sqrt(squares);
 }
 
 /// Half a pile of 25 degrees, below the angle of repose, that has settled.
@@ -137,48 +123,12 @@ void stir(std::string const& name, double h, int parts)
     H17.at_most(name + ": energy of the sand / work of the paddle", gained, 1.05);
 }
 
-/// Two blocks on one another, of which one is heavier or stiffer by a factor of 1e4.
-void stack(std::string const& name, NeoHookean<Plane> const& below, NeoHookean<Plane> const& above,
-           double duration)
-{
-    HardCase const H7{"H7"};
-    double const h = 0.05;
-    Pair::Solver solver(lattice(h), {below, above});
-    auto const lower = box_of_points<2>({0, 0}, {0.2, 0.2}, h);
-    auto upper = lower;
-    for (auto& x : upper) x.y() += 0.2;
-    solver.template add<Material<0>>(lower, h * h / 4);
-    solver.template add<Material<1>>(upper, h * h / 4);
-    auto const floor = half_space({0, 1, 0}, {0, 0, 0}, Contact::sticky());
-    Totals const start(solver);
-    auto report = solver.advance(0.5 * duration, Gravity{}, floor, Damping{0});
-    Point const expected(-report.reactions[0].impulse.x(),
-                         -report.reactions[0].impulse.y() - 9.81 * report.time_of_forces * start.mass);
-    H7.at_most(name + ": error of momentum / impulse of the weight",
-               (Totals(solver).momentum - expected).norm() / (9.81 * solver.time() * start.mass), 1e-10);
-    solver.advance(0.5 * duration, Gravity{}, floor, Damping{40});
-    double top = -1, bottom = 1e9;
-    for (auto const& x : solver.template positions<Material<0>>()) top = std::max(top, x.y());
-    for (auto const& x : solver.template positions<Material<1>>()) bottom = std::min(bottom, x.y());
-    H7.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
-    H7.at_most(name + ": overlap [cells]", (top - bottom) / h, 1);
-    H7.at_most(name + ": speed in the end [m/s]", mean_speed(solver), 0.01);
-}
-
-NeoHookean<Plane> block(double density, double young)
-{
-    NeoHookean<Plane> model;
-    model.density = density;
-    model.elasticity = lame<double>(young, 0.3);
-    return model;
-}
-
 } // namespace
 
 TEST_CASE("H7: a block 1e4 times as heavy lies on a light one, one 1e4 times as stiff on a soft one")
 {
-    stack("heavy on light", block(1, 1e6), block(1e4, 1e6), 1);
-    stack("stiff on soft", block(1000, 1e5), block(1000, 1e9), 1);
+    pile_up<Pair>("heavy on light", block(1, 1e6), block(1e4, 1e6), 1);
+    pile_up<Pair>("stiff on soft", block(1000, 1e5), block(1000, 1e9), 1);
 }
 
 TEST_CASE("H10: sand below its angle of repose lies still") { lie_still("2 s", 0.03, 2); }

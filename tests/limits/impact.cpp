@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "limits/hard_case.hpp"
-#include "support/one_element.hpp"
+#include "limits/impact.hpp"
 
 #include <algorithm>
 #include <limits>
 
 using namespace firn;
 using namespace firn::test;
+using namespace firn::test::impact;
 
 #if defined(__CUDACC__)
 bool tests_need_a_device = true; // see cuda/main.cpp
@@ -16,113 +16,10 @@ bool tests_need_a_device = true; // see cuda/main.cpp
 namespace
 {
 
-template <class Model>
-Model elastic(double young, double poisson, double density = 1000)
-{
-    Model model;
-    model.density = static_cast<typename Model::Number>(density);
-    model.elasticity = lame<typename Model::Number>(young, poisson);
-    return model;
-}
-
 using Neo = Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>;
 using Corotated = Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>;
 using Logarithmic = Scene<Hencky<Solid>, QuadraticBSpline, Mls>;
 using SnowScene = Scene<Snow<Plane>, QuadraticBSpline, Mls>;
-
-/// Calls `look(report)` after each of so many parts of a duration [s].
-template <class Solver, class Look, class... Effects>
-void watch(Solver& solver, double duration, int parts, Look const& look, Effects const&... effects)
-{
-    for (int i = 0; i < parts; ++i) look(solver.advance(duration / parts, effects...));
-}
-
-/// A cube that hits a wall at a speed beyond that of its waves: it touches after 1 ms.
-template <class SceneType>
-void hit_wall(std::string const& name, int cells)
-{
-    HardCase const H2{"H2"};
-    double const rounding = 16 * std::numeric_limits<double>::epsilon(); // of J, by what F may be off
-    double const h = 0.2 / cells, volume = std::pow(h / 2, 3);
-    typename SceneType::Solver solver(lattice(h), elastic<typename SceneType::Model>(1e6, 0.3));
-    solver.add(box_of_points<3>({0, 0.1, 0}, {0.2, 0.3, 0.2}, h), volume, {0, -100, 0});
-    double const start = mechanical_energy(solver, volume);
-    double most = 0, deepest = 0, flattest = 1, turned = 0;
-    watch(
-        solver, 0.01, 50,
-        [&](AdvanceReport const&) {
-            most = std::max(most, mechanical_energy(solver, volume) / start);
-            for (auto const& x : solver.positions()) deepest = std::max(deepest, -x.y() / h);
-            for (auto const& H : solver.template download<DisplacementGradient>()) {
-                double const J = 1 + volume_change<double, 3>(H);
-                turned += !(J > -rounding); // corotated ones may come to a sheet: they have no barrier
-                flattest = std::min(flattest, J);
-            }
-        },
-        Obstacle<HalfSpace>{});
-    H2.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
-    H2.at_most(name + ": deepest particle behind the wall [cells]", deepest, 1);
-    H2.at_most(name + ": largest total energy / that at the start", most, 1.02);
-    H2.at_most(name + ": particles inside out beyond rounding at any of 50 looks", turned, 0);
-    H2.at_most(name + ": smallest volume of a particle / that at rest", flattest, 0.1); // it was an impact
-}
-
-/// A block that was crushed to a hundredth of its volume, and let go.
-template <class SceneType>
-void let_go(std::string const& name, double expected_step)
-{
-    HardCase const H4{"H4"};
-    double const h = 0.1, side = std::pow(0.01, 1.0 / 3), volume = std::pow(h / 2, 3);
-    auto const material = elastic<typename SceneType::Model>(1e5, 0.2);
-    typename SceneType::Solver solver(lattice(h), material);
-    auto points = box_of_points<3>({0, 0, 0}, {0.3, 0.3, 0.3}, h);
-    for (auto& x : points) x *= side;
-    solver.add(points, volume);
-    solver.template upload<DisplacementGradient>(
-        std::vector<Matrix<double, 3>>(points.size(), Matrix<double, 3>::Identity() * (side - 1)));
-    double const stored = mechanical_energy(solver, volume);
-    double const at_rest = StepControl{}.wave *
-                           isolated_limit<QuadraticBSpline, Mls>(material.elasticity.expansion_ratio(3)) * h /
-                           std::sqrt(material.elasticity.p_wave_modulus() / material.density);
-    double const first = solver.step(1e-9).stable_dt;
-    double kinetic = 0, total = 0;
-    watch(solver, 0.03, 60, [&](AdvanceReport const&) {
-        kinetic = std::max(kinetic, Totals(solver).kinetic_energy / stored);
-        total = std::max(total, mechanical_energy(solver, volume) / stored);
-    });
-    H4.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
-    H4.at_most(name + ": largest kinetic energy / energy stored", kinetic, 1.05);
-    H4.at_most(name + ": largest total energy / energy stored", total, 1.05);
-    H4.at_most(name + ": stable step / that at rest", first / at_rest, expected_step + 0.01);
-    H4.at_least(name + ": stable step / that at rest", first / at_rest, expected_step - 0.01);
-}
-
-/// A block with a cluster in it: so many particles at one place, in groups of the same velocity.
-Neo::Solver with_cluster(std::vector<Vector<double, 3>> const& velocities, double volume)
-{
-    double const h = 0.1;
-    Neo::Solver solver(lattice(h), elastic<NeoHookean<Solid>>(1e5, 0.3));
-    solver.add(box_of_points<3>({0, 0, 0}, {0.3, 0.3, 0.3}, h), std::pow(h / 2, 3), {0, 1, 0});
-    for (auto const& v : velocities)
-        solver.add(std::vector<Vector<double, 3>>{{0.15, 0.15, 0.15}}, volume / double(velocities.size()), v);
-    for (int i = 0; i < 50; ++i) solver.step(5e-4, Gravity{});
-    return solver;
-}
-
-/// The largest difference of a cluster and its block from those with one particle in its place: of positions
-/// [cells], and of H.
-std::pair<double, double> difference(Neo::Solver const& cluster, Neo::Solver const& one)
-{
-    auto const x = cluster.positions(), y = one.positions();
-    auto const H = cluster.download<DisplacementGradient>(), G = one.download<DisplacementGradient>();
-    std::pair<double, double> most{};
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        std::size_t const other = std::min(i, y.size() - 1);
-        most.first = std::max(most.first, (x[i] - y[other]).norm() / 0.1);
-        most.second = std::max(most.second, (H[i] - G[other]).norm());
-    }
-    return most;
-}
 
 /// Whether a call was refused by an Error.
 template <class Call>
@@ -292,22 +189,7 @@ TEST_CASE("H4: a block that was crushed to a hundredth of its volume is let go")
 
 TEST_CASE("H12: 64 particles at one place are one of 64 times the mass, also with opposite velocities")
 {
-    HardCase const H12{"H12"};
-    double const volume = 64 * 1.25e-4;
-    Vector<double, 3> const rest = Vector<double, 3>::Zero(), fast(5, 0, 3);
-    auto const one = with_cluster({rest}, volume);
-    auto const check = [&](std::string const& name, std::vector<Vector<double, 3>> const& velocities) {
-        auto const cluster = with_cluster(velocities, volume);
-        auto const [x, H] = difference(cluster, one);
-        H12.at_most(name + ": difference of positions [cells]", x, 1e-12);
-        H12.at_most(name + ": difference of deformation gradients", H, 1e-12);
-        double const dt = 5e-4;
-        H12.at_most(name + ": largest dt |C|", dt * largest_norm(cluster.download<AffineVelocity>()), 1);
-    };
-    std::vector<Vector<double, 3>> velocities(64, rest);
-    check("same velocity", velocities);
-    for (std::size_t i = 0; i < velocities.size(); ++i) velocities[i] = i % 2 == 0 ? fast : -fast;
-    check("opposite velocities", velocities);
+    be_one<Neo>("", 1e-12);
 }
 
 TEST_CASE("H13: numbers that are none, masses, volumes, moduli and steps that make no sense")

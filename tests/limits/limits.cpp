@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "limits/hard_case.hpp"
+#include "limits/limits.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -9,6 +9,7 @@
 
 using namespace firn;
 using namespace firn::test;
+using namespace firn::test::limits;
 
 // Hard cases of places and numbers at the limits: walls, corners, faces of cells, far away, one particle, too
 // many of them in a cell, none within reach of each other; all in single precision.
@@ -161,30 +162,6 @@ void carry_affine_field(std::string const& name)
                 (Totals(solver).momentum - momentum).norm() / mass / fastest, 5e-7);
 }
 
-/// A block that falls on a floor and comes to rest.
-template <class SceneType>
-void come_to_rest(std::string const& name, double largest_gap)
-{
-    HardCase const H15{"H15"};
-    double const h = 0.05;
-    typename SceneType::Solver solver(lattice(h), jelly());
-    auto points = box_of_points<3>({0, 0, 0}, {0.2, 0.2, 0.2}, h);
-    for (auto& x : points) x.y() += 0.137;
-    solver.add(points, std::pow(h / 2, 3));
-    Obstacle<HalfSpace> const floor{};
-    double deepest = 0;
-    for (int i = 0; i < 40; ++i) {
-        solver.advance(1.0 / 40, Gravity{}, floor, Damping{i < 8 ? 0.0 : 10.0});
-        for (auto const& x : solver.positions()) deepest = std::max(deepest, -x.y() / h);
-    }
-    double lowest = 1e9;
-    for (auto const& x : solver.positions()) lowest = std::min(lowest, x.y() / h);
-    double const fastest = largest_norm(solver.template download<Velocity>());
-    H15.at_most(name + ": speed in the end [m/s]", fastest, 0.02);
-    H15.at_most(name + ": gap under its lowest particles' faces [cells]", lowest - 0.25, largest_gap);
-    H15.at_most(name + ": deepest particle in the floor [cells]", deepest, 0.1);
-}
-
 /// The share of pairs of particles so far apart [cells] of which one notices the other; those that do not are
 /// all that are counted as alone.
 template <class SceneType>
@@ -257,26 +234,6 @@ void part(std::string const& name, double together, double apart)
     H16.at_least(name + ": length of the sheet / at the start", (*high - *low) / 19, 3);
 }
 
-/// How far a scene far from the origin gets from one at it [cells].
-double drift_apart(double distance)
-{
-    double const h = 0.01;
-    auto const points = box_of_points<3>({0, 0, 0}, {2 * h, 2 * h, 2 * h}, h);
-    Point const far = Point::Constant(distance);
-    Quadratic::Solver here(lattice(h), jelly()), there(lattice(h), jelly());
-    auto moved = points;
-    for (auto& x : moved) x += far;
-    // slower than what stalls where world positions are floats: 4.8 mm/s at 10 m, 0.3 m/s at 1 km
-    here.add(points, 1e-7, {0.003, 0.001, 0});
-    there.add(moved, 1e-7, {0.003, 0.001, 0});
-    here.steps(1000, 1e-4);
-    there.steps(1000, 1e-4);
-    auto const a = here.positions(), b = there.positions();
-    double most = 0;
-    for (std::size_t i = 0; i < a.size(); ++i) most = std::max(most, (b[i] - far - a[i]).norm() / h);
-    return most;
-}
-
 /// The time of a step of so many particles in a cube of a side [cells], in seconds: the shortest of some.
 double time_of_step(int count, double side)
 {
@@ -295,22 +252,6 @@ double time_of_step(int count, double side)
         shortest = std::min(shortest, spent.count());
     }
     return shortest;
-}
-
-/// The error message of a call that throws, and how long the call takes [s].
-template <class Call>
-std::pair<std::string, double> complaint(Call const& call)
-{
-    auto const start = std::chrono::steady_clock::now();
-    std::string said;
-    try {
-        call();
-    }
-    catch (Error const& error) {
-        said = error.what();
-    }
-    std::chrono::duration<double> const spent = std::chrono::steady_clock::now() - start;
-    return {said, spent.count()};
 }
 
 Quadratic::Solver block_of(Model const& model, double speed, StepControl const& control = {})
@@ -368,7 +309,7 @@ TEST_CASE("H18: a scene at 10, 100 and 1000 m runs as one at the origin")
     HardCase const H18{"H18"};
     for (int distance : {10, 100, 1000})
         H18.at_most("difference at " + std::to_string(distance) + " m after 1000 steps [cells]",
-                    drift_apart(distance), 1e-4);
+                    drift_apart<Quadratic>(distance), 1e-4);
 }
 
 TEST_CASE("H23: speeds, masses and stiffnesses beyond reason end in an answer or a sentence, soon")
