@@ -389,6 +389,25 @@ TEST_CASE("a rigid plate falls on a block in implicit steps as in explicit ones,
     CHECK(rest.reactions[1].impulse.y() == Approx(9.81 * body.mass).epsilon(0.03));
 }
 
+#if defined(FIRN_TESTS_ON_OPENMP)
+// Neither coarse grids nor directions are kept in so short a step, and no node lies beside the wall. The
+// plate does not touch: nodes of 3 by 2 blocks of 64 lie within reach of the block.
+TEST_CASE("an implicit scene stores numbers of its particles and nodes beside an explicit one, and no more")
+{
+    auto const bytes = [](auto pressed) {
+        pressed.floor.node = -50;
+        pressed.block.step(1e-3, pressed.gravity, pressed.floor,
+                           pressed.plate({.position = {0, 0.6, 0}}, Contact::slip()));
+        return pressed.block.memory();
+    };
+    std::size_t const of_steps = bytes(Pressed<Apic, SymplecticEuler>({})),
+                      of_solves = bytes(Pressed<Apic, Implicit>({}));
+    std::size_t const numbers = (of_solves - of_steps) / sizeof(double), expected = 200 * 11 + 6 * 64 * 23;
+    CHECK(numbers >= expected);
+    CHECK(numbers <= expected + 16); // of a list of images that is empty
+}
+#endif
+
 TEST_CASE("implicit steps refuse effects on velocities that are no contact")
 {
     Solver<TestedBackend, NeoHookean<Plane>, QuadraticBSpline, Mls, Implicit> block(

@@ -353,3 +353,24 @@ TEST_CASE("in small scenes the directions of earlier linear systems save product
     compare(0.7, 2, true, left, right, foot);
     compare(1, 6, false, Obstacle<HalfSpace>{.contact = Contact::coulomb(0.5)}); // which may let go
 }
+
+// Beside its two buffers a particle keeps its place, and what a product needs of the state that was tried:
+// in general that state, the inverse of A = I + dt L, and a number.
+template <template <class> class Model, int in_space, int in_the_plane>
+constexpr bool keeps = TrialFields<Model<Solid>>::components(
+                           3) == in_space&& TrialFields<Model<Plane>>::components(2) == in_the_plane;
+template <class Space>
+using HeterogeneousRubber = Heterogeneous<NeoHookean<Space>>;
+template <class Space>
+using HeterogeneousSnow = Heterogeneous<Snow<Space>>;
+template <class Space>
+using SemiDefiniteRubber = SemiDefinite<NeoHookean<Space>>;
+template <class Space>
+using SandOfOwnModuli = Varied<Sand<Space>, OwnShearModulus>;
+static_assert(keeps<NeoHookean, 20, 11> && keeps<HeterogeneousRubber, 20, 11>);
+static_assert(keeps<FixedCorotated, 22, 11> && keeps<Hencky, 22, 11> && keeps<SplitNeoHookean, 22, 11> &&
+              keeps<MooneyRivlin, 22, 11> && keeps<VonMises, 22, 11> && keeps<HerschelBulkley, 22, 11> &&
+              keeps<SemiDefiniteRubber, 22, 11>);
+static_assert(keeps<Snow, 23, 12> && keeps<HeterogeneousSnow, 23, 12> && keeps<Sand, 23, 12> &&
+              keeps<HardeningVonMises, 23, 12> && keeps<CamClay, 23, 12> && keeps<SandOfOwnModuli, 24, 13>);
+static_assert(keeps<Fluid, 5, 4>);
