@@ -83,17 +83,11 @@ void shapes(Deforming const& shape)
 template <class Transfer, class Model = Solid, class By = firn::Implicit>
 using SolverBySolving = firn::Solver<Backend, Model, firn::QuadraticBSpline, Transfer, By>;
 using Water = firn::Fluid<firn::Space<2, float>>;
-struct WithoutProduct : Solid
-{
-    void product() const;
-};
-void implicit_steps(SolverBySolving<firn::Flip>& solver, SolverBySolving<firn::Mls, Two>& of_bodies,
-                    SolverBySolving<firn::Mls, WithoutProduct>& of_others)
+void implicit_steps(SolverBySolving<firn::Flip>& solver, SolverBySolving<firn::Mls, Two>& of_bodies)
 {
     solver.step(1e-4, firn::LocalDamping{});
     solver.step(1e-4, AtSurface{});
     of_bodies.step(1e-4);
-    of_others.step(1e-4);
 }
 void rest(SolverBySolving<firn::Mls, Water>& solver) { solver.settle(firn::Gravity{}); }
 std::size_t with_xpic = sizeof(firn::SteppedBy<firn::Xpic, firn::Implicit>);
