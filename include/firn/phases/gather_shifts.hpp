@@ -83,7 +83,7 @@ struct GatherShifts
             using Nodes = Stencil<Kernel, Real, d>;
             Nodes const nodes(position_of<Real>(row_of_cells));
             Vector<Real, d> slopes = zeros<Vector<Real, d>>();
-            Real potential(0);
+            Real potential = row_of_cells.reference(0); // to which values of nodes are relative
             FIRN_UNROLL_ON_DEVICE
             for (int row = 0; row < Nodes::rows; ++row) {
                 Real plain(0), slope(0);
