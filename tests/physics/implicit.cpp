@@ -256,9 +256,9 @@ TEST_CASE("transfers that have the kernel's gradient come to the same state of r
 {
     RestReport report;
     auto const apic = hanging<Apic>(1, report, false, 2);
-    CHECK(hanging<Flip>(1, report, false, 2) == apic);
-    CHECK(hanging<Pic>(1, report, false, 2) == apic);
-    CHECK(hanging<Mls>(1, report, false, 2) != apic);
+    CHECK((hanging<Flip>(1, report, false, 2) - apic).norm() <= 1e-8);
+    CHECK((hanging<Pic>(1, report, false, 2) - apic).norm() <= 1e-8);
+    CHECK((hanging<Mls>(1, report, false, 2) - apic).norm() > 1e-4);
 }
 
 TEST_CASE("an implicit bar loses its energy as backward Euler does, and by the midpoint rule keeps it")
