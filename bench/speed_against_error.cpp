@@ -111,6 +111,7 @@ void measure_all(Options const& options)
         if (!std::regex_search(name_of(setting), wanted)) continue;
         auto const offer = offers.find(name_of(setting));
         if (offer == offers.end()) {
+            if (setting.acts_on != "settle") throw std::logic_error("nothing offers " + name_of(setting));
             ++absent;
             continue;
         }

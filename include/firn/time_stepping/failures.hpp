@@ -236,11 +236,10 @@ template <class Sets, class Controller, class Values>
     std::ostringstream what;
     what << "particle " << failure.particle << material << " " << describe(failure.cause)
          << ", so it has no stress that could balance a load";
-    if (failure.count > 1) what << ", as have " << failure.count - 1 << " more";
     throw StepError{
         failure, what.str(), "Solver::settle, " + at_place(failure, d),
         "The state is that of the last load step that was found. Remove such particles (remove_if), "
-        "or upload a DisplacementGradient with det F > 0 and no larger than a material bears."};
+        "or upload a DisplacementGradient with det F > 0 that the material can bear."};
 }
 
 /// Throws where no step advances time any more, as the chosen one shows. `since` is the particle that causes

@@ -320,8 +320,8 @@ private:
         call(conditioned, BeginSearch{search, forcing(), own_.coarse.added()});
         SearchState now;
         for (int queued = 0; queued < by_.linear && !now.has_ended;) {
-            int ahead = by_.fixed ? by_.linear : 1;
-            if (Backend::queues && !by_.fixed) ahead = now.expected(by_.linear - queued);
+            int ahead = 1;
+            if (Backend::queues) ahead = by_.fixed ? by_.linear : now.expected(by_.linear - queued);
             for (int i = 0; i < ahead; ++i) iterate(search);
             queued += ahead;
             now = *own_.search.read();
@@ -377,8 +377,8 @@ private:
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
-    /// residual there. In a step of a fixed number of iterations an eighth is taken in any case in which no
-    /// particle is turned inside out, so that it has three residuals more for each system at most.
+    /// residual there. In a step of a fixed number of iterations an eighth is the last that is tried, and
+    /// taken unless it turns a particle inside out. So it has three residuals more for each system at most.
     bool step_along(double slope, Sums& at)
     {
         constexpr double armijo = 1e-4, least = 0x1p-3;
@@ -389,6 +389,7 @@ private:
             bool const falls = at.second <= (1 - 2 * armijo) * -slope;
             if (is_possible(at) && (falls || (by_.fixed && share <= least))) return true;
             ++report_.halvings;
+            if (by_.fixed && share <= least) break;
         }
         note(at);
         return false;
