@@ -89,7 +89,7 @@ auto save(Scene& scene, TimeLoop& time_loop)
 }
 
 /// Replaces a scene by that of a snapshot whose fields, parameters and cells are known to fit; `has_bounds`
-/// says whether its bounds of the next step hold, and `call` who asks for it.
+/// says whether its bounds of the next step hold, and `call` is what errors name.
 template <class Scene, class TimeLoop, class Number, int d>
 void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, TimeLoop& time_loop,
              char const* call)

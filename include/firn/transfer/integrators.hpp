@@ -48,6 +48,7 @@ struct Implicit
     int target = 10;
     /// For real time: each step solves exactly `newton` linear systems by exactly `linear` products each, and
     /// is taken whatever residual is left, which Solver::solved() has. Fewer where rounding alone is left.
+    /// `forcing` and `target` choose numbers of iterations, so they have no effect then.
     /// One in which a particle would be turned inside out, or not be finite, is a failed step all the same.
     bool fixed = false;
 

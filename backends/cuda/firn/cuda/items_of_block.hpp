@@ -250,12 +250,13 @@ private:
         __device__ Number scratch(int channel) const { return of[channel]; }
     };
 
-    /// The sums of one cell and one layer of its stencil, by place along the first axis.
+    /// The sums of one cell at one place along the first axis of its stencil.
     struct SumsOfPlace
     {
         Number of[In::width][d == 3 ? In::width : 1][GridType::Sums::stored];
         __device__ auto& operator[](int k) { return of[k]; }
     };
+    /// The sums of one cell and one layer of its stencil.
     struct SumsOfLayer
     {
         SumsOfPlace at[In::depth];
