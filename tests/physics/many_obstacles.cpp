@@ -138,6 +138,29 @@ TEST_CASE("obstacles in one argument act as if each were an argument of its own"
     compare<InSpace>(1e-4, apart, together);
 }
 
+TEST_CASE("slopes of a list meet the nodes that they meet by themselves, wherever they move")
+{
+    for (double const angle : {0.0, 0.3, 2.0}) {
+        auto const slope = [&](int quarter) { // they close in on the block
+            double const turned = angle + quarter * M_PI / 2;
+            Eigen::Vector3d const normal(std::cos(turned), std::sin(turned), 0);
+            return Obstacle<HalfSpace>{.shape = {normal},
+                                       .motion = {.position = Eigen::Vector3d(0.15, 0.2, 0.1) - 0.25 * normal,
+                                                  .velocity = 1.5 * normal,
+                                                  .time = 0}};
+        };
+        auto const apart = [&](auto& solver) {
+            return solver.advance(0.02, slope(0), slope(1), slope(2), slope(3));
+        };
+        auto const together = [&](auto& solver) {
+            Obstacles<HalfSpace> slopes{{slope(0), slope(1), slope(2), slope(3)}};
+            return solver.advance(0.02, slopes);
+        };
+        compare<InPlane>(1e-11, apart, together);
+        if (angle > 0 && angle < 1) compare<InSpace>(1e-4, apart, together);
+    }
+}
+
 using OnParticles = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
                                  More<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>>>;
 

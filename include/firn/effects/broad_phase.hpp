@@ -26,6 +26,10 @@ struct SweptBox
     std::array<int, std::size_t(d)> low{}, high{}; ///< both included
     bool is_bounded = false;                       ///< false: it is everywhere
     float reach = 0; ///< how far from its reference point it acts [m]; 0: it is unbounded
+    /// One that is unbounded meets no cell whose coordinates have a product with `outward` of more than
+    /// `furthest`.
+    std::array<float, std::size_t(d)> outward{};
+    float furthest = 0;
 
     /// The box of an obstacle that nothing is to meet.
     static SweptBox nowhere()
@@ -53,7 +57,9 @@ struct ListedObstacle
 {
     std::array<int, std::size_t(d)> low{}, high{}; ///< its box, if it is bounded
     std::uint32_t number = 0;
-    float reach = 0; ///< from its reference point [m]; 0: it is unbounded
+    float reach = 0;                             ///< from its reference point [m]; 0: it is unbounded
+    std::array<float, std::size_t(d)> outward{}; ///< of one that is unbounded: see SweptBox
+    float furthest = 0;
 
     FIRN_HOST_DEVICE bool may_meet(Coordinates<d> const& cell) const
     {
@@ -61,6 +67,14 @@ struct ListedObstacle
         for (int a = 0; a < d; ++a)
             inside = inside && low[std::size_t(a)] <= cell[a] && cell[a] <= high[std::size_t(a)];
         return inside;
+    }
+
+    /// Whether a cell lies beyond the side of one that is unbounded.
+    FIRN_HOST_DEVICE bool is_beyond(Coordinates<d> const& cell) const
+    {
+        float along = 0;
+        for (int a = 0; a < d; ++a) along += outward[std::size_t(a)] * static_cast<float>(cell[a]);
+        return along > furthest;
     }
 };
 
@@ -91,6 +105,7 @@ struct NearObstacles
         // two lists by rising number: those of the cube, and those that are everywhere
         for (std::uint32_t unbounded = 0;;) {
             while (at < end && !lists[at].may_meet(cell)) ++at;
+            while (unbounded < everywhere && lists[unbounded].is_beyond(cell)) ++unbounded;
             bool const has_near = at < end, has_unbounded = unbounded < everywhere;
             if (!has_near && !has_unbounded) return;
             bool const takes_near =
@@ -190,7 +205,7 @@ private:
 
     static ListedObstacle<d> listed(std::vector<SweptBox<d>> const& boxes, std::uint32_t i)
     {
-        return {boxes[i].low, boxes[i].high, i, boxes[i].reach};
+        return {boxes[i].low, boxes[i].high, i, boxes[i].reach, boxes[i].outward, boxes[i].furthest};
     }
 
     /// The list of one cube.

@@ -169,7 +169,10 @@ public:
             auto const box = [&](Room const& room) {
                 auto swept = box_of(plain.back().motion, reach, lattice, begin, begin + duration, room);
                 include_images(lattice, swept);
-                if (world != nullptr) keep_in(*world, lattice.half_world, swept);
+                if (world == nullptr)
+                    cut(obstacle, plain.back().motion, lattice, begin, begin + duration, room, swept);
+                else
+                    keep_in(*world, lattice.half_world, swept);
                 return swept;
             };
             of_nodes.push_back(box(room_for_nodes()));
@@ -320,6 +323,28 @@ private:
                 along * room.behind_along;
         }
         return box;
+    }
+
+    /// Cuts what is unbounded at the plane that it lies below, if it does not turn, and has no images.
+    static void cut(Obstacle<ShapeType> const& obstacle, Motion const& motion, Lattice const& lattice,
+                    double begin, double end, Room const& room, SweptBox<d>& box)
+    {
+        Eigen::Vector3d const side = detail::upper_side_of(obstacle.shape);
+        if (box.is_bounded || !(norm(side) > 0) || norm(motion.angular_velocity) > 0 ||
+            lattice.periods != std::array<int, 3>{})
+            return;
+        Eigen::Vector3d const normal = motion.rotation() * side, from = motion.at(begin).position,
+                              to = motion.at(end).position;
+        double at_begin = 0, at_end = 0, more = 1; // a cell more than lanes need, since floats are rounded
+        for (int a = 0; a < d; ++a) {
+            int const along = a == d - 1 ? 1 : 0;
+            at_begin += normal[a] * (from[a] - lattice.origin[a]) / lattice.cell_size;
+            at_end += normal[a] * (to[a] - lattice.origin[a]) / lattice.cell_size;
+            more += std::abs(normal[a]) * (std::max(room.before, room.behind) +
+                                           along * std::max(room.before_along, room.behind_along));
+            box.outward[std::size_t(a)] = static_cast<float>(normal[a]);
+        }
+        box.furthest = static_cast<float>(std::max(at_begin, at_end) + more);
     }
 
     /// Along periodic axes images may be wherever there are cells, the first ones some before the origin.

@@ -147,6 +147,12 @@ public:
         return std::visit([&](auto const& shape) { return detail::reach_of(shape, dimension); }, shape_);
     }
 
+    /// The normal of a plane that it lies below: see detail::upper_side_of.
+    Eigen::Vector3d upper_side() const
+    {
+        return std::visit([](auto const& shape) { return detail::upper_side_of(shape); }, shape_);
+    }
+
     /// Whether images at a period do not part it: see detail::fits_period.
     bool fits_period(Eigen::Vector3d const& axis, double half, double offset) const
     {

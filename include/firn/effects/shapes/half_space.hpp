@@ -32,6 +32,9 @@ struct HalfSpace
                 "Pass a normal with z = 0.");
     }
 
+    /// The normal of a plane that it lies below: see detail::upper_side_of.
+    Eigen::Vector3d upper_side() const { return normal; }
+
     /// Along a unit vector in the body's frame: see AlongAxis. Where it is the same everywhere along the axis
     /// it has no end that could reach too far.
     AlongAxis along(Eigen::Vector3d const& axis) const

@@ -73,6 +73,17 @@ double reach_of(ShapeType const& shape, int dimension)
     else
         return 0;
 }
+
+/// The outward normal, in the body's frame, of the plane through the reference point that all of an unbounded
+/// shape lies below; zero if there is none.
+template <class ShapeType>
+Eigen::Vector3d upper_side_of(ShapeType const& shape)
+{
+    if constexpr (requires { shape.upper_side(); })
+        return shape.upper_side();
+    else
+        return Eigen::Vector3d(0, 0, 0);
+}
 } // namespace detail
 
 /// Whether a shape is a shell, which keeps particles on the side where they are.
