@@ -208,7 +208,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // calls them up by `node.for_each_image(use)`. What a phase that `keeps_values` does not set stays as it is;
 // with others, and on nodes to which nothing was added, it may become 0. One that `asks_no_sums`, of other
 // nodes neither, may be called for any nodes that such a phase was called for, and for zeros. One that
-// `takes_zero_sums` is called for nodes to which zeros were added, too.
+// `takes_zero_sums` is called for nodes to which zeros were added, too. One that `says_which_concern` it,
+// lanes of nodes at a time, by `concerns(first, offset)`, need not be called for others.
 //
 // ---- what a phase sees
 //

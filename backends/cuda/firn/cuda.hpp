@@ -120,7 +120,8 @@ struct Cuda
     {
         if (count == 0) return;
         cuda::OnDevice const here(device);
-        unsigned const threads = count < 65536 ? 64 : 256; // as in for_each()
+        // in small groups, so that a loop of some 100 000 parts has room on a large device at once
+        unsigned const threads = count < (1u << 18) ? 64 : 256;
         cuda::detail::launch("for_each_in_step", queue(), cuda::detail::for_each_in_step<Body>,
                              cuda::groups_of(count, threads), threads, 0, cells[0]->signal(), body, count);
     }

@@ -71,4 +71,18 @@ concept KeepsValues = requires
     requires Phase::keeps_values;
 };
 
+/// Whether a node, as a phase sees it, is a single one that has an index.
+template <class Node>
+concept HasIndex = requires
+{
+    requires Node::has_index;
+};
+
+/// Whether a phase over nodes says which of them concern it, so that a backend adds up no sums of others.
+template <class Phase>
+concept SaysWhichConcern = requires
+{
+    requires Phase::says_which_concern;
+};
+
 } // namespace firn

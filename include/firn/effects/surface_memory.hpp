@@ -31,7 +31,7 @@ public:
           candidate_table_(backend), points_(backend), before_(backend), table_(backend),
           table_before_(backend), to_list_(backend), tried_(backend), stencils_(backend), acting_(backend),
           ranks_(backend), points_of_nodes_(backend), reached_(backend), indices_(backend),
-          velocities_(backend)
+          velocities_(backend), of_nodes_(backend)
     {
         counts_.resize(all_counts);
         counts_.fill(0, all_counts, 0);
@@ -76,7 +76,7 @@ public:
     /// and then the first one finds points anew, since those are among them that were points once.
     void begin_step(bool is_first)
     {
-        if (is_first) step_before_ = step_;
+        if (is_first) step_before_ = step_, counts_are_zero_ = false;
         ++step_;
         bool const finds_all = is_first && is_to_find_all();
         first_new_ = finds_all ? 0 : known_;
@@ -90,6 +90,7 @@ public:
         table_size_ = 0;
         found_all_ = step_;
         known_candidates_ = 0;
+        ++numbered_;
         entered_ = 0;
         have_nodes_ = false;
     }
@@ -102,8 +103,27 @@ public:
             is_to_find_all() ? steps_between : found_all_ + steps_between - (step_ + 1);
         return static_cast<int>(std::clamp<std::uint32_t>(4 * quiet_, 1, left));
     }
+    /// Lets the nodes of a grid note which candidates they are, so that a step need not find that out again:
+    /// while obstacles are at rest, and nodes keep their indices and candidates their numbers.
+    void note_candidates_of(std::size_t nodes, std::uint64_t numbering)
+    {
+        if (!are_at_rest_) return;
+        if (noted_ == std::pair(numbering, numbered_) && of_nodes_.size() >= nodes) return;
+        if (of_nodes_.size() < nodes) of_nodes_.resize(nodes + nodes / 4);
+        of_nodes_.fill(0, of_nodes_.size(), {});
+        noted_ = {numbering, numbered_};
+    }
     /// Before points are looked for: none is counted.
-    void begin() { counts_.fill(0, 2, 0); }
+    void begin()
+    {
+        if (!counts_are_zero_) counts_.fill(0, 2, 0);
+        counts_are_zero_ = false;
+    }
+    /// The batch stops where anything has been counted, so that later steps of it count from nothing.
+    void stop_if_counted() { counts_are_zero_ = true; }
+    /// Whether points of the step are to be looked for: in a later one of a batch new candidates stop it, and
+    /// others stay where they are unless walls move.
+    bool looks_at_candidates(bool is_first) const { return is_first || may_move(); }
     /// Whether a step that the host does not take part in knows what may become a point: where walls move and
     /// none is known, it does not.
     bool can_go_on() const { return are_at_rest_ || known_ > 0; }
@@ -307,7 +327,8 @@ public:
                 indices_.data(),
                 velocities_.data(),
                 {points_.data(), table_.data(), may_move() ? mask_of(table_size_) : 0, entered_points_},
-                {before_.data(), table_before_.data(), before_mask_, known_}};
+                {before_.data(), table_before_.data(), before_mask_, known_},
+                are_at_rest_ && of_nodes_.size() > 0 ? of_nodes_.data() : nullptr};
     }
 
 private:
@@ -318,6 +339,7 @@ private:
     void forget()
     {
         known_ = known_candidates_ = entered_points_ = 0;
+        ++numbered_;
         table_size_ = 0;
     }
     /// Whether the next step finds all points.
@@ -370,7 +392,7 @@ private:
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
     std::uint32_t quiet_ = 0;                      ///< steps since one with new points
     std::uint32_t step_before_ = 0;                ///< the one before the batch
-    bool have_nodes_ = false;
+    bool have_nodes_ = false, counts_are_zero_ = false;
     std::size_t reached_before_ = 0, most_reached_ = 0;
     std::uint64_t numbering_ = 0;
     Number dt_ = 1; ///< its length [s]
@@ -382,6 +404,10 @@ private:
     Array<NodeAtSurface<Number, d>> reached_;
     Array<ReachedIndex> indices_;
     Array<VectorAndNumber<Number, d>> velocities_;
+    Array<CandidatesOfNode> of_nodes_;
+    std::uint64_t numbered_ = 1; ///< how often candidates have been numbered anew
+    std::pair<std::uint64_t, std::uint64_t>
+        noted_{}; ///< the numbering of the nodes that note theirs, and that
 };
 
 } // namespace firn

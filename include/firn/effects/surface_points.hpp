@@ -116,6 +116,13 @@ struct SurfaceCounts
     std::uint32_t candidates, points, reached;
 };
 
+/// What a node notes of the candidates that it is, for later steps: it is one for two obstacles at most.
+struct CandidatesOfNode
+{
+    /// 0 if nothing is noted; else by obstacle 1 for none, or 2 + the number of the candidate.
+    std::uint32_t noted[2];
+};
+
 /// The points of a step and the nodes that they reach, as loops see them.
 template <class Number, int d>
 struct SurfacePoints
@@ -148,6 +155,7 @@ struct SurfacePoints
     VectorAndNumber<Number, d>* velocities;
     KnownPoints<Number, d> kept;   ///< those of the steps before that may have moved in their cells
     KnownPoints<Number, d> before; ///< those of the step before, if all have been found anew
+    CandidatesOfNode* of_nodes;    ///< by a node's index, where obstacles are at rest, else null
 };
 
 } // namespace firn

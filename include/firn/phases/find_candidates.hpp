@@ -60,7 +60,7 @@ struct FindCandidates
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
-    static constexpr bool looks_around = false, keeps_values = true;
+    static constexpr bool looks_around = false, keeps_values = true, says_which_concern = true;
     using Result = NothingFound;
 
     StepContext<Number, Effects> const* now;
@@ -74,22 +74,61 @@ struct FindCandidates
         using Real = typename Node::Real;
         Mask<Real> const filled = node.sum(Sums::mass) > Real(smallest_mass);
         if (!any(filled)) return;
-        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
+        if constexpr (HasIndex<Node>) {
+            if (found.of_nodes != nullptr) {
+                CandidatesOfNode& of_node = found.of_nodes[node.index()];
+                CandidatesOfNode const noted = of_node;
+                if (noted.noted[0] == not_noted)
+                    of_node = find(node, filled);
+                else
+                    for (std::uint32_t const one : noted.noted)
+                        if (one != no_candidate) found.seen[one - first_candidate] = found.step;
+                return;
+            }
+        }
+        find(node, filled);
+    }
+
+    /// Whether any of these nodes is near an obstacle. The sums of others need not be added up.
+    template <Lane Real>
+    FIRN_HOST_DEVICE bool concerns(Coordinates<d> const& first, Vector<Real, d> const& offset) const
+    {
+        bool is_near = false;
+        for_each_near(place_of<Real>(first, offset), [&](std::uint32_t, auto const&) { is_near = true; });
+        return is_near;
+    }
+
+private:
+    /// See CandidatesOfNode.
+    static constexpr std::uint32_t not_noted = 0, no_candidate = 1, first_candidate = 2;
+
+    /// Finds the candidates that nodes are. Returns what is to be noted of a single node.
+    template <class Node, class Filled>
+    FIRN_HOST_DEVICE CandidatesOfNode find(Node& node, Filled const& filled) const
+    {
+        using Real = typename Node::Real;
+        CandidatesOfNode of_node{{no_candidate, no_candidate}};
+        bool is_noted = true;
+        LanePosition<Real, d> const place = place_of<Real>(node.first(), node.offset());
         auto const in_cells = [&](double cells) {
             return Real(static_cast<Number>(cells * lattice.cell_size));
         };
-        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
-            // a point lies at most half the diagonal of a cell from its node
-            action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
-                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
-                add<Real>(place, first + i,
-                          filled & ((-at.distance > deep_from<Real>(obstacle, place, at.normal)) |
-                                    (abs(at.distance) * largest_component<Real, d>(at.normal) <=
-                                     in_cells(nearly_half_a_cell))));
-            });
+        for_each_near(place, [&](std::uint32_t i, auto const& obstacle) {
+            auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
+            auto const which =
+                filled &
+                ((-at.distance > deep_from<Real>(obstacle, place, at.normal)) |
+                 (abs(at.distance) * largest_component<Real, d>(at.normal) <= in_cells(nearly_half_a_cell)));
+            if (!any(which)) return;
+            std::uint32_t const number = add<Real>(place, i, which);
+            // those that are new get their numbers for good when the step has been taken
+            is_noted = is_noted && number != KnownCandidates<d>::absent && of_node.noted[1] == no_candidate;
+            of_node.noted[of_node.noted[0] == no_candidate ? 0 : 1] = first_candidate + number;
         });
+        return is_noted ? of_node : CandidatesOfNode{};
     }
 
+public:
     /// From which depth on [m] nodes are held: whatever sticks holds all that is inside. Others let
     /// particles lie a tenth of a cell inside before nodes that only these reach slow them down; across the
     /// cells kernels reach deeper. Thin shells have no inside.
@@ -110,10 +149,29 @@ struct FindCandidates
 
 private:
     template <class Real>
-    FIRN_HOST_DEVICE void add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
-                              Mask<Real> const& which) const
+    FIRN_HOST_DEVICE LanePosition<Real, d> place_of(Coordinates<d> const& first,
+                                                    Vector<Real, d> const& offset) const
     {
-        if (!any(which)) return;
+        return {lattice, first, offset, kernel_reach(Kernel::degree)};
+    }
+
+    /// Calls `use(number, obstacle)` for each that is so near that a point of it may belong to one of the
+    /// nodes: it lies at most half the diagonal of a cell from its node.
+    template <class Real, class Use>
+    FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, Use const& use) const
+    {
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
+            action.for_each_within(place, Real(static_cast<Number>(lattice.cell_size)),
+                                   [&](std::uint32_t i, auto const& obstacle) { use(first + i, obstacle); });
+        });
+    }
+
+    /// Adds nodes as candidates. Returns the number of the last one if it was known before.
+    template <class Real>
+    FIRN_HOST_DEVICE std::uint32_t add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
+                                       Mask<Real> const& which) const
+    {
+        std::uint32_t last = KnownCandidates<d>::absent;
         constexpr int width = lane_width<Real>;
         Number along[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
@@ -121,7 +179,7 @@ private:
             SurfaceCandidate<d> candidate;
             for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
             candidate.obstacle = obstacle;
-            std::uint32_t number = found.known.find(candidate);
+            std::uint32_t number = last = found.known.find(candidate);
             if (number == KnownCandidates<d>::absent) {
                 number = found.known.count + next_number_of_all(*found.new_candidates);
                 if (number >= found.candidates_room) return; // the host makes room, and looks again
@@ -129,7 +187,25 @@ private:
             }
             found.seen[number] = found.step;
         });
+        return last;
     }
 };
+
+/// The same in the loop that updates nodes, so that their masses are added up once for both.
+template <class Update, class Find>
+struct FindAndUpdate : Update
+{
+    Find find;
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, typename Update::Result& reactions) const
+    {
+        typename Find::Result nothing;
+        find(node, nothing);
+        Update::operator()(node, reactions);
+    }
+};
+template <class Update, class Find>
+FindAndUpdate(Update, Find) -> FindAndUpdate<Update, Find>;
 
 } // namespace firn

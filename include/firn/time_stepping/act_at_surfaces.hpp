@@ -51,27 +51,50 @@ void loop_in_step(StepMemory<Backend, Sets, Transfer> const& memory,
         memory.backend.for_each(count, body);
 }
 
+/// Whether candidates for points are found in the loop that updates nodes. Else a loop before that finds
+/// them.
+template <class Backend>
+inline constexpr bool finds_candidates_along = Backend::queues && !spans_ranks<Backend>;
+
+/// The phase that finds candidates for points in a step.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+auto candidates_phase(StepMemory<Backend, Sets, Transfer> const& memory,
+                      StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                      StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    auto& surface = surface_memory(scene);
+    surface.begin();
+    return FindCandidates<typename Sets::Space, Kernel, Transfer, Actions>{
+        now, memory.lattice, scene.smallest_node_mass, surface.view()};
+}
+
+/// Queues a loop that looks at the candidates that have been found.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+void look_at_candidates(StepMemory<Backend, Sets, Transfer> const& memory,
+                        StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                        StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    auto& surface = surface_memory(scene);
+    loop_in_step(memory, scene, surface.looked_at(),
+                 FindSurfacePoints<typename Sets::Space, Kernel, Transfer, Actions>{now, memory.lattice,
+                                                                                    surface.view()});
+}
+
 /// Queues loops that look for the points of surfaces which nodes meet in a step.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void look_for_points(StepMemory<Backend, Sets, Transfer> const& memory,
                      StepScene<Backend, Sets, Kernel, Transfer> const& scene,
                      StepContext<typename Sets::Space::Scalar, Actions> const* now)
 {
-    using Space = typename Sets::Space;
-    auto& surface = surface_memory(scene);
-    surface.begin();
-    auto found = surface.view();
     memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
-                                 FindCandidates<Space, Kernel, Transfer, Actions>{
-                                     now, memory.lattice, scene.smallest_node_mass, found});
+                                 candidates_phase(memory, scene, now));
+    [[maybe_unused]] auto& surface = surface_memory(scene);
     if constexpr (spans_ranks<Backend>) {
         if (!surface.had_room(surface.counted()))
             return look_for_points(memory, scene, now); // this rank alone looks once more
         surface.share_candidates();
-        found = surface.view();
     }
-    loop_in_step(memory, scene, surface.looked_at(),
-                 FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
+    look_at_candidates(memory, scene, now);
 }
 
 /// Waits for these loops, and returns what they found.
@@ -84,28 +107,47 @@ SurfaceCounts counted_points(Surface& surface)
     return counts;
 }
 
-/// Finds the points of surfaces that nodes meet in a step. On a backend that queues, loops still look for
-/// them when this returns: see found_points(). There the host takes part in the first step of a batch alone:
-/// a later one in which anything is new stops the batch, and is the first of the next one.
-template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
-void find_surface_points(StepMemory<Backend, Sets, Transfer> const& memory,
-                         StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                         StepContext<typename Sets::Space::Scalar, Actions> const* now, bool is_first)
+/// Updates the nodes of a step by a phase, and finds the points of surfaces that these meet. On a backend
+/// that queues, loops still look for them when this returns: see found_points(). There the host takes part in
+/// the first step of a batch alone: a later one in which anything is new stops the batch, and is the first of
+/// the next one.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Update>
+auto find_points_and_update(StepMemory<Backend, Sets, Transfer> const& memory,
+                            StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                            StepContext<typename Sets::Space::Scalar, Actions> const* now,
+                            Update const& update, bool is_first)
 {
     static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their surface: "
                                        "make it a HalfSpace in their list");
     static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
                                      "Obstacles<Shape>");
     auto& surface = surface_memory(scene);
+    auto const orders = scene.sets.orders();
+    auto& grid = scene.grid_state.grid();
     surface.begin_step(is_first);
-    look_for_points(memory, scene, now);
-    if constexpr (Backend::queues) {
-        if (is_first) return surface.fetch_counts();
-        if (!surface.can_go_on()) surface.stop();
-        memory.backend.stop_steps_if(scene.sets.orders(), surface.counts_of_new(), 2, surface.stopped());
+    auto const note_counts = [&] {
+        if constexpr (Backend::queues) {
+            if (is_first) return surface.fetch_counts();
+            if (!surface.can_go_on()) surface.stop();
+            surface.stop_if_counted();
+            memory.backend.stop_steps_if(orders, surface.counts_of_new(), 2, surface.stopped());
+        }
+        else
+            while (!surface.had_room(counted_points(surface))) look_for_points(memory, scene, now);
+    };
+    if constexpr (finds_candidates_along<Backend>) {
+        surface.note_candidates_of(grid.node_count(), grid.numbering());
+        auto reactions = memory.backend.for_each_node(
+            orders, grid, FindAndUpdate{update, candidates_phase(memory, scene, now)});
+        if (surface.looks_at_candidates(is_first)) look_at_candidates(memory, scene, now);
+        note_counts();
+        return reactions;
     }
-    else
-        while (!surface.had_room(counted_points(surface))) look_for_points(memory, scene, now);
+    else {
+        look_for_points(memory, scene, now);
+        note_counts();
+        return memory.backend.for_each_node(orders, grid, update);
+    }
 }
 
 /// Waits for the loops that look for points, and for none behind them. Returns how many points there are.
@@ -221,7 +263,10 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                                                 Values::velocity, may_change});
     run(points, BeginPoints<Kernel, Number, d>{loop, lengths, surface.first_new(), first_without, may_move,
                                                may_change});
-    run(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
+    // mostly few points are listed: parts of a plane each, which only look whether there is anything to do
+    constexpr int listed_at_once = Backend::reaches_host_memory ? Loop::Cell::rows : Loop::Cell::width;
+    using Listed = RowLoop<Kernel, Number, d, listed_at_once>;
+    run(Listed::count(points), ListPoints<Kernel, Number, d, listed_at_once>{Listed{loop, points}});
     if (may_change) run(nodes, SortPoints<Kernel, Number, d>{loop});
     GatherImpulses<Kernel, Number, d, Nodes> gather{loop, by_index, Values::velocity};
     run(nodes, gather);
@@ -241,8 +286,8 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     }
 }
 
-/// Lets these obstacles act on nodes that have been updated, at the points that find_surface_points() found.
-/// `before` is the step before in the batch; null in the first one.
+/// Lets these obstacles act on nodes that have been updated, at the points that find_points_and_update()
+/// found. `before` is the step before in the batch; null in the first one.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
                      StepScene<Backend, Sets, Kernel, Transfer> const& scene,

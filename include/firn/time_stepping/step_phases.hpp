@@ -138,10 +138,14 @@ public:
             return solve_step(step).conclude(step);
         else {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-            if constexpr (at_surfaces) find_surface_points(memory_, scene_, now(step), step == 0);
             auto const phase = scene_.grid_state.grid_update(
                 scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit, true);
-            auto reactions = memory_.backend.for_each_node(orders(), grid(), phase);
+            auto reactions = [&] {
+                if constexpr (at_surfaces)
+                    return find_points_and_update(memory_, scene_, now(step), phase, step == 0);
+                else
+                    return memory_.backend.for_each_node(orders(), grid(), phase);
+            }();
             if constexpr (spans_ranks<Backend>) {
                 for_each_group([](auto& group) { group.do_not_count(); });
                 memory_.backend.for_each_other_node(orders(), grid(), phase);

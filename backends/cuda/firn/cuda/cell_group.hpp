@@ -219,10 +219,11 @@ class NodeOfThread
 {
 public:
     using Real = typename GridType::Number;
+    static constexpr bool has_index = true;
 
     __device__ NodeOfThread(typename GridType::Sums const& sums, typename GridType::Values const& before,
-                            Coordinates<d> const& node)
-        : sums_(sums), before_(before), node_(node)
+                            Coordinates<d> const& node, std::size_t index)
+        : sums_(sums), before_(before), node_(node), index_(index)
     {
         if constexpr (keeps) values_ = before;
     }
@@ -237,6 +238,7 @@ public:
     }
     __device__ Coordinates<d> first() const { return node_; }
     __device__ Vector<Real, d> offset() const { return Vector<Real, d>::Zero(); }
+    __device__ std::size_t index() const { return index_; } ///< of all nodes of the grid
     __device__ typename GridType::Values const& values() const { return values_; }
     /// Whether they are to be written. A phase that sets none neither reads nor writes any.
     __device__ bool are_new() const { return are_new_; }
@@ -247,6 +249,7 @@ private:
     typename GridType::Values values_{};
     typename GridType::Values const& before_;
     Coordinates<d> node_;
+    std::size_t index_;
 };
 
 } // namespace firn::cuda

@@ -173,6 +173,18 @@ private:
     ValuesInPlace<GridType> values_;
 };
 
+/// Whether a node concerns a phase, if that says so.
+template <class Phase, int d>
+__device__ __forceinline__ bool concerns([[maybe_unused]] Phase const& phase,
+                                         [[maybe_unused]] Coordinates<d> const& node)
+{
+    if constexpr (SaysWhichConcern<Phase>)
+        return phase.template concerns<typename Phase::Number>(
+            node, Vector<typename Phase::Number, d>(zeros<Vector<typename Phase::Number, d>>()));
+    else
+        return true;
+}
+
 /// Calls a phase for node i of all, in block n, whose values it reads and sets where they lie.
 template <class GridType, class Phase, class Blocks, int d>
 __device__ __forceinline__ void update_in_place(Phase const& phase, typename GridType::View const& grid,
@@ -182,7 +194,8 @@ __device__ __forceinline__ void update_in_place(Phase const& phase, typename Gri
 {
     bool any = AsksNoSums<Phase> || TakesZeroSums<Phase>;
     typename GridType::Sums sums{};
-    if constexpr (!AsksNoSums<Phase>) sums = sum_of_tiles<GridType, d>(grid, n, here, any);
+    if constexpr (!AsksNoSums<Phase>)
+        if (concerns(phase, node)) sums = sum_of_tiles<GridType, d>(grid, n, here, any);
     ValuesInPlace<GridType> const values(grid, i);
     if constexpr (!KeepsValues<Phase>)
         for (int c = 0; c < GridType::values_count + GridType::ungathered; ++c) values.set(c, 0);
@@ -289,7 +302,8 @@ __global__ void __launch_bounds__(block_threads)
         update_in_place<GridType>(phase, grid, blocks, n, i, here, node, result);
     else {
         bool any = false, alone = false;
-        typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, n, here, any);
+        typename GridType::Sums sums{};
+        if (concerns(phase, node)) sums = sum_of_tiles<GridType, d>(grid, n, here, any);
         typename GridType::Values& values = grid.node_values[i];
         if constexpr (Phase::looks_around) {
             auto const walls = phase.walls();
@@ -301,7 +315,7 @@ __global__ void __launch_bounds__(block_threads)
             }
         }
         if (!alone) {
-            NodeOfThread<GridType, d, KeepsValues<Phase>> lane(sums, values, node);
+            NodeOfThread<GridType, d, KeepsValues<Phase>> lane(sums, values, node, i);
             if (any) phase(lane, result); // nothing was added to the others
             if (lane.are_new()) values = lane.values();
         }

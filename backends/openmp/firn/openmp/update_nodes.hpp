@@ -30,6 +30,24 @@ auto surroundings(Phase const& phase)
         return 0;
 }
 
+/// Whether a row of nodes concerns a phase, if that says so.
+template <class Lane, class GridType, class Phase, class Block>
+bool concerns([[maybe_unused]] Phase const& phase, [[maybe_unused]] Block const& block,
+              [[maybe_unused]] int row)
+{
+    if constexpr (SaysWhichConcern<Phase>) {
+        constexpr int d = Phase::d;
+        Vector<Lane, d> steps = zeros<Vector<Lane, d>>();
+        steps[d - 1] = counting<Lane>();
+        for (int place = 0; place < GridType::Shape::along; place += lane_width<Lane>)
+            if (phase.template concerns<Lane>(GridType::node_at(block.coordinates, row, place), steps))
+                return true;
+        return false;
+    }
+    else
+        return true;
+}
+
 /// Updates a block of nodes; `around` is what they look around for.
 template <class Lane, class GridType, class Phase, class Around>
 void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unused]] Around const& around,
@@ -43,6 +61,7 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
     for (std::uint64_t rows = covered_rows(grid, block); rows != 0; rows &= rows - 1) {
         int const row = std::countr_zero(rows);
+        if (!concerns<Lane, GridType>(phase, block, row)) continue;
         if constexpr (adds_up) sum_row<Lane, GridType, channels>(grid, block, row, sums);
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
