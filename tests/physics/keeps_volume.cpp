@@ -376,16 +376,24 @@ TEMPLATE_LIST_TEST_CASE("squeezed water gets through no edge that walls have in 
                         Squeezed)
 {
     double const half = 5 * cell, thick = 1.5 * cell, high = 2 * half;
-    for (auto const& [degrees, shifted] : {std::pair{0, 0.0}, {17, 0.3}, {30, 0.5}}) {
-        CAPTURE(degrees);
+    struct Place
+    {
+        double degrees, shifted, speed; // of walls and water alike [m/s]
+    };
+    for (auto const& [degrees, shifted, speed] :
+         {Place{0, 0, 0}, {17, 0.3, 0}, {17, 0.3, 10}, {30, 0.5, 0}}) {
+        CAPTURE(degrees, speed);
         Eigen::Quaterniond const turn(
             Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d(1, 1, 1).normalized()));
         Eigen::Vector3d const origin = Eigen::Vector3d(1, 0.7, 1) * shifted * cell;
+        Eigen::Vector3d const velocity = Eigen::Vector3d(1, -0.6, 0.8) * speed;
         Obstacles<Box, ActsOn::surface> boards;
         auto const add = [&](Eigen::Vector3d const& low, Eigen::Vector3d const& top) {
-            boards.list.push_back(
-                {.shape = {(top - low) / 2},
-                 .motion = {.position = origin + turn * ((low + top) / 2), .orientation = turn}});
+            boards.list.push_back({.shape = {(top - low) / 2},
+                                   .motion = {.position = origin + turn * ((low + top) / 2),
+                                              .orientation = turn,
+                                              .velocity = velocity,
+                                              .time = 0}});
         };
         double const out = half + thick;
         add({-out, -half, 0}, {-half, half, 2 * high});
@@ -400,11 +408,12 @@ TEMPLATE_LIST_TEST_CASE("squeezed water gets through no edge that walls have in 
             x.z() *= 0.9;
             x = origin + turn * x;
         }
-        water.add(points, std::pow(cell / 2, 3));
+        water.add(points, std::pow(cell / 2, 3), velocity);
         water.advance(0.1, Gravity{turn * Eigen::Vector3d(0, 0, -g)}, boards);
+        Eigen::Vector3d const moved = origin + velocity * water.time();
         std::size_t lost = 0;
         for (auto const& x : water.positions()) {
-            Eigen::Vector3d const own = turn.inverse() * (x.template cast<double>() - origin);
+            Eigen::Vector3d const own = turn.inverse() * (x.template cast<double>() - moved);
             double const x_out = std::abs(own.x()), y_out = std::abs(own.y());
             lost += std::min(x_out, y_out) > half || std::max(x_out, y_out) > half + thick;
         }

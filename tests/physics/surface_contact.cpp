@@ -562,8 +562,8 @@ TEST_CASE("obstacles of several lists have one surface, as those of one list", "
     // only one of their memories has points, so only that one says how many steps a device queues
     SurfaceMemory<TestedBackend, double, 2> first{TestedBackend{}}, second{TestedBackend{}};
     for (int call = 0; call < 2; ++call) {
-        first.begin_call(1, true, {});
-        second.begin_call(1, true, {});
+        first.begin_call(1, true, 0, {});
+        second.begin_call(1, true, 0, {});
         CHECK(second.most_steps() == 1); // alone: points are to be found
         first.join(second);
         CHECK(first.most_steps() == 1);

@@ -159,7 +159,8 @@ public:
         to.acting = 0;
         to.have_own_worlds = !from.own_worlds.empty();
         if (surface_)
-            surface_->begin_call(from.list.size(), are_at_rest(from.list), numbers_in(from.own_worlds));
+            surface_->begin_call(from.list.size(), are_at_rest(from.list), from.largest_speed(d),
+                                 numbers_in(from.own_worlds));
         for (std::size_t i = 0; i < from.list.size(); ++i) {
             auto const& obstacle = from.list[i];
             OwnWorld const* const world = to.have_own_worlds ? &from.own_worlds[i] : nullptr;

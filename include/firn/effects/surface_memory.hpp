@@ -40,13 +40,16 @@ public:
         points_.resize(256);
     }
 
-    /// A call begins, with a list of so many obstacles. What it does depends on the state before it alone.
-    /// `numbers` are those among the obstacles of their worlds if each is in one world, else empty.
-    void begin_call(std::size_t obstacles, bool are_at_rest, std::vector<std::uint32_t> numbers)
+    /// A call begins, with a list of so many obstacles, which are at rest or move at most so fast [m/s]. What
+    /// it does depends on the state before it alone. `numbers` are those among the obstacles of their worlds
+    /// if each is in one world, else empty.
+    void begin_call(std::size_t obstacles, bool are_at_rest, double largest_speed,
+                    std::vector<std::uint32_t> numbers)
     {
         forget();
         obstacles_ = static_cast<std::uint32_t>(obstacles);
         are_at_rest_ = are_at_rest;
+        largest_speed_ = largest_speed;
         numbers_ = std::move(numbers);
         is_joined_ = false;
     }
@@ -55,6 +58,7 @@ public:
     void join(SurfaceMemory& other)
     {
         are_at_rest_ = are_at_rest_ && other.are_at_rest_;
+        largest_speed_ = std::max(largest_speed_, other.largest_speed_);
         if (!numbers_.empty() || !other.numbers_.empty()) {
             for (auto i = static_cast<std::uint32_t>(numbers_.size()); i < obstacles_; ++i)
                 numbers_.push_back(i);
@@ -70,6 +74,8 @@ public:
     {
         return numbers_.empty() ? obstacle : numbers_[obstacle];
     }
+    /// How fast obstacles move at most [m/s]: see Obstacles::largest_speed().
+    double largest_speed() const { return largest_speed_; }
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
     /// Before a step, the first of a batch or a later one. It goes on with the points of the step before. Now
@@ -376,7 +382,8 @@ private:
     Backend backend_;
     std::uint32_t obstacles_ = 0;
     bool are_at_rest_ = false, is_joined_ = false; ///< see begin_call() and join()
-    std::vector<std::uint32_t> numbers_;           ///< see number_of()
+    double largest_speed_ = 0;
+    std::vector<std::uint32_t> numbers_; ///< see number_of()
     /// Those of SurfaceCounts, SurfacePoints::listed and changes, and stopped().
     typename Backend::template ReadbackBuffer<std::uint32_t> counts_;
     Array<SurfaceCandidate<d>> candidates_;

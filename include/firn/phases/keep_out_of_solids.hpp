@@ -15,7 +15,8 @@ namespace firn
 /// their surface alone.
 ///
 /// A shift begins outside of solids, and ends where it would lead into one: from there it goes on along the
-/// face, a little in front of it. So none leads through an edge that two boards at rest have in common.
+/// face, a little in front of it. So none leads through an edge that two boards have in common which move
+/// alike: beside a solid a particle is taken to move with it in the step.
 ///
 /// Where material flows along a surface and leaves it, as below a jet that a wall turns, velocities grow with
 /// the distance from the surface, on both sides of it: what is a little inside is driven deeper. So what lies

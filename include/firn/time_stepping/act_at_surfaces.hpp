@@ -24,8 +24,11 @@
 namespace firn
 {
 
-/// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
-inline constexpr int sweeps_that_go_on = 2, sweeps_from_nothing = 20;
+/// How many sweeps a step has that starts from the impulses of the step before, and one that does not. If an
+/// obstacle moves by more than so many cells in a step, the weights of its points change so much that
+/// impulses lag behind with the fewer sweeps.
+inline constexpr int sweeps_that_go_on = 2, sweeps_that_follow = 4, sweeps_from_nothing = 20;
+inline constexpr double moves_far = 0.05;
 
 /// The memory of the obstacles of a call that act at their surface: that of the first list, which the others
 /// have joined.
@@ -226,8 +229,12 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     using Loop = PointLoop<Kernel, Number, d>;
     auto const& backend = memory.backend;
     auto& surface = surface_memory(scene);
-    int const sweeps = surface.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
-    auto const length = static_cast<Number>(scene.time_state.now.interval.length()),
+    double const seconds = scene.time_state.now.interval.length(); // of the first step of the batch
+    bool const is_far = surface.largest_speed() * seconds > moves_far * memory.lattice.cell_size;
+    int const sweeps = !surface.goes_on() ? sweeps_from_nothing
+                       : is_far           ? sweeps_that_follow
+                                          : sweeps_that_go_on;
+    auto const length = static_cast<Number>(seconds),
                cell_size = static_cast<Number>(memory.lattice.cell_size);
     Lengths<Number> const lengths{before == nullptr ? nullptr : &step.now->dt,
                                   before == nullptr ? nullptr : &before->dt, length / surface.dt_before()};

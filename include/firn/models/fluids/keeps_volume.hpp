@@ -21,10 +21,10 @@ namespace firn
 /// little of it (Kugelstadt, Longva, Thürey and Bender 2019, *Implicit density projection for volume
 /// conserving liquids*; here explicit sweeps). Velocities and states stay, and so does momentum.
 ///
-/// A correction leads no particle into a solid or through an edge that two boards at rest have in common, and
-/// brings one out that is inside by less than half a cell. One that is deeper, or finds no way out, stays
-/// where the step moved it. Boards should be at least one cell thick: what is more than half a cell inside
-/// may come out at the back.
+/// A correction leads no particle into a solid or through an edge that two boards have in common, if these
+/// are at rest or move alike, and brings one out that is inside by less than half a cell. One that is deeper,
+/// or finds no way out, stays where the step moved it. Boards should be at least one cell thick: what is more
+/// than half a cell inside may come out at the back.
 ///
 /// Obstacles have to act at their surface (`Obstacles<Shape, ActsOn::surface>`), since the room beside one
 /// counts; programs with other ones do not compile. A shell thinner than a cell takes no room.
