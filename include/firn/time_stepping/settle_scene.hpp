@@ -9,6 +9,7 @@
 #include <firn/phases/solve_particles.hpp>
 #include <firn/phases/solve_search.hpp>
 #include <firn/state/save_restore.hpp>
+#include <firn/time_stepping/displaced_there.hpp>
 #include <firn/time_stepping/time_loop.hpp>
 
 #include <algorithm>
@@ -47,20 +48,6 @@ auto displacements(Scene& scene, double second)
     phase.inverse_cell_size = static_cast<typename Scene::Number>(1 / scene.lattice.cell_size);
     scene.backend.for_each_cell(table.cells(), layer, phase);
     return found;
-}
-
-/// Where an offset in a cell comes to lie after a way [cells]: so many whole cells further, and the offset
-/// there.
-template <class Number, class Offset>
-auto moved_by(Offset const& offset, double way)
-{
-    struct Moved
-    {
-        double cells;
-        decltype(CellOffset<Number>::from(0.0)) offset;
-    };
-    double const to = CellOffset<Number>::exact(offset) + way, cells = std::floor(to + 0.5);
-    return Moved{cells, CellOffset<Number>::from(to - cells)};
 }
 
 /// Moves and deforms the particles of a material in a snapshot, and takes away their velocities.
@@ -233,6 +220,11 @@ private:
     std::vector<Number> scratch_;
     bool fits_ = true;
 };
+
+/// What displaces the particles of a material without a snapshot, on one rank.
+template <std::size_t k, class Scene>
+using Displaced = std::conditional_t<Scene::Backend::reaches_host_memory, DisplacedHere<k, Scene>,
+                                     DisplacedThere<k, Scene>>;
 } // namespace detail
 
 /// A load step is a solve of a second in which inertia is left out: its velocities are the displacements of
@@ -300,10 +292,10 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
         }
         (typename Sets::Places{});
         using Backend = typename Scene::Backend;
-        if constexpr (Backend::reaches_host_memory && !spans_ranks<Backend> && !may_object) {
+        if constexpr (!spans_ranks<Backend> && !may_object) {
             auto displaced = [&]<std::size_t... k>(std::index_sequence<k...>)
             {
-                return std::tuple{detail::DisplacedHere<k, Scene>(scene, std::get<k>(found))...};
+                return std::tuple{detail::Displaced<k, Scene>(scene, std::get<k>(found))...};
             }
             (typename Sets::Places{});
             if (std::apply([](auto const&... of) { return (of.fits() && ...); }, displaced)) {

@@ -7,12 +7,14 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 // The loops that need no nodes: over the places of all items, and over the numbers below a count.
 namespace firn::cuda::detail
 {
 
-/// Visits all items: at their slots, or where the order says they lie.
+/// Visits all items: at their slots, or where the order says they lie. Tells their slots, too, if the visit
+/// asks for them.
 template <class Order, class Visit>
 __global__ void __launch_bounds__(block_threads)
     for_each_place(Signal signal, Visit visit, typename Order::View cells, bool at_slots)
@@ -20,8 +22,13 @@ __global__ void __launch_bounds__(block_threads)
     if (signal.stops()) return;
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
     auto const cell = cells.cell(c);
-    for (std::uint32_t slot = cells.begin[c], end = cells.begin[c + 1]; slot < end; ++slot)
-        visit(std::size_t{at_slots ? slot : cells.order[slot]}, cell);
+    for (std::uint32_t slot = cells.begin[c], end = cells.begin[c + 1]; slot < end; ++slot) {
+        std::size_t const place = at_slots ? slot : cells.order[slot];
+        if constexpr (std::is_invocable_v<Visit const&, std::size_t, decltype(cell), std::size_t>)
+            visit(place, cell, std::size_t{slot});
+        else
+            visit(place, cell);
+    }
 }
 
 template <class Body>
