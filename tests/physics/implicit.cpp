@@ -483,22 +483,36 @@ TEST_CASE("an implicit step in which gravity would shear a stiff beam without bo
     CHECK(hangs([&](auto& beam) { beam.step(1, Gravity{}, clamp); }) == Approx(at_rest).epsilon(0.01));
 }
 
-TEST_CASE(
-    "a search queues the products that a residual which falls lets it expect, and not many at its start")
+TEST_CASE("a search tells the host of each iteration that has ended, and of its own end")
 {
-    SearchState search{.first = 1, .enough = 1e-4};
-    CHECK(search.expected(2000) == 2);
-    search.products = 10;
-    search.rz = 1e-2; // half of the way in ten of them
-    CHECK(search.expected(2000) == Approx(10).margin(1));
-    CHECK(search.expected(4) == 4);
-    search.products = 2;
-    search.rz = 0.999; // it would take thousands
-    CHECK(search.expected(2000) == 16);
-    search.products = 100;
-    CHECK(search.expected(2000) == 200);
-    search.rz = 2; // it rises
-    CHECK(search.expected(2000) == 1);
+    SearchState search;
+    std::uint32_t number = 7; // of a search before
+    auto const iterate = [&](double curvature, double rz) {
+        ChooseLength{&search, &number}({curvature});
+        int const before = SearchProgress{number}.products();
+        ChooseDirection{&search, {}, &number}({rz});
+        return before;
+    };
+    auto const told = [&] { return SearchProgress{number}; };
+    auto const begin = [&](double rz) { BeginSearch{&search, 0.1, {}, &number}({rz}); };
+    begin(1);
+    CHECK(told().products() == 0);
+    CHECK(!told().has_ended());
+    CHECK(iterate(2, 0.5) == 0); // the product is there, but not all of the iteration
+    CHECK(told().products() == 1);
+    CHECK(!told().has_ended());
+    iterate(2, 0.009); // of which a tenth is squared
+    CHECK(told().products() == 2);
+    CHECK(told().has_ended());
+    iterate(2, 0.005); // queued in vain
+    CHECK(told().products() == 2);
+    begin(1);
+    CHECK(!told().has_ended());
+    iterate(2, 0.5);
+    iterate(-1, 0.4); // the energy does not rise along it
+    CHECK(told().has_ended());
+    begin(0);
+    CHECK(told().has_ended());
 }
 
 TEST_CASE("implicit steps have the same bits in every run, and on any number of threads")

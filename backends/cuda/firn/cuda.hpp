@@ -12,6 +12,7 @@
 #include <firn/cuda/run_steps.hpp>
 #include <firn/cuda/scatter.hpp>
 #include <firn/cuda/update_nodes.hpp>
+#include <firn/cuda/watched.hpp>
 
 #include <algorithm>
 #include <array>
@@ -44,6 +45,7 @@ struct Cuda
     using SharedCount = std::atomic<int>; ///< several host threads may change it concurrently
     template <class T>
     using ReadbackBuffer = cuda::ReadbackBuffer<T>;
+    using Watched = cuda::Watched;
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
@@ -220,8 +222,8 @@ struct Cuda
     void call_with(cuda::Partial<Result> const& found, Body const& body) const
     {
         cuda::OnDevice const here(device);
-        cuda::launch_after("merge_and_call", queue(), cuda::detail::merge_and_call<Result, Body>, 1,
-                           cuda::detail::merging_warps * 32, found, body);
+        cuda::launch_behind("merge_and_call", queue(), cuda::detail::merge_and_call<Result, Body>, 1,
+                            cuda::detail::merging_warps * 32, 0, found, body);
     }
 
     /// Queues the loop that moves the items of an order of cells, for what takes steps one by one.

@@ -6,9 +6,8 @@
 #include <firn/core/host_device.hpp>
 #include <firn/phases/solve_phase.hpp>
 
-#include <algorithm>
-#include <cmath>
 #include <cstddef>
+#include <cstdint>
 
 // The numbers of a search by conjugate gradients, which lie where loops run: phases read them, so that a
 // backend can queue iterations before the host knows how those before went.
@@ -26,17 +25,23 @@ struct SearchState
     int products = 0;                     ///< H p in all
     bool falls = true;                    ///< p H p was above 0
     bool has_ended = false;               ///< phases leave nodes alone
+};
 
-    /// How many more iterations it takes if residuals fall on as they fell so far, at least one. The first
-    /// few residuals may hardly fall, which tells little of later ones: so the answer is at most twice the
-    /// number of iterations so far, or 16.
-    int expected(int most) const
+/// How far a search is, as the host may look at it while later iterations are at work. One number, so that
+/// all of it is of one time: twice the products, and 1 more once the search has ended.
+struct SearchProgress
+{
+    std::uint32_t number = 0;
+
+    bool has_ended() const { return number % 2 != 0; }
+    int products() const { return static_cast<int>(number / 2); }
+
+    /// Called where loops run. `to` may be null.
+    FIRN_HOST_DEVICE static void tell(std::uint32_t* to, SearchState const& now)
     {
-        if (products == 0) return std::min(2, most);
-        double const fell = std::log(rz / first) / products;
-        if (!(fell < 0)) return 1;
-        int const bound = std::min(most, std::max(16, 2 * products));
-        return static_cast<int>(std::clamp(std::log(enough / rz) / fell, 1.0, double(bound)));
+        if (to == nullptr) return;
+        *static_cast<std::uint32_t volatile*>(to) =
+            2 * static_cast<std::uint32_t>(now.products) + (now.has_ended ? 1 : 0);
     }
 };
 
@@ -61,6 +66,7 @@ struct BeginSearch
     SearchState* state;
     double forcing; ///< the share of the residual at which the search ends
     CoarsePartsOfSum coarse;
+    std::uint32_t* told; ///< of SearchProgress
 
     FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
@@ -69,6 +75,7 @@ struct BeginSearch
         now.enough = forcing * forcing * now.rz;
         now.has_ended = !(now.rz > 0);
         *state = now;
+        SearchProgress::tell(told, now);
     }
 };
 
@@ -77,6 +84,7 @@ struct BeginSearch
 struct ChooseLength
 {
     SearchState* state;
+    std::uint32_t* told; ///< of SearchProgress
 
     FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
@@ -86,6 +94,7 @@ struct ChooseLength
         state->along = state->falls ? state->rz / curvature : 1;
         state->has_ended = !state->falls && state->products > 0;
         ++state->products;
+        if (state->has_ended) SearchProgress::tell(told, *state);
     }
 };
 
@@ -94,6 +103,7 @@ struct ChooseDirection
 {
     SearchState* state;
     CoarsePartsOfSum coarse;
+    std::uint32_t* told; ///< of SearchProgress
 
     FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
@@ -103,6 +113,7 @@ struct ChooseDirection
         state->rz = found.sum + coarse();
         state->share = state->rz / state->before;
         state->has_ended = !state->falls || !(state->rz > state->enough);
+        SearchProgress::tell(told, *state);
     }
 };
 

@@ -12,12 +12,39 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <tuple>
 #include <utility>
 
 namespace firn
 {
+
+/// A number that nobody looks at while loops are at work: where these have finished when a call returns.
+struct NotWatched
+{
+    explicit NotWatched(auto const&) {}
+    void begin() const {}
+    std::uint32_t* there() const { return nullptr; }
+};
+
+namespace detail
+{
+template <class Backend>
+struct WatchedOf
+{
+    using Type = NotWatched;
+};
+template <class Backend>
+requires Backend::queues struct WatchedOf<Backend>
+{
+    using Type = typename Backend::Watched;
+};
+} // namespace detail
+
+/// What a backend that queues calls Watched: a number that loops write, and at which the host looks.
+template <class Backend>
+using WatchedBy = typename detail::WatchedOf<Backend>::Type;
 
 /// The memory of implicit steps: what particles cache while one is solved, and how the last one went.
 template <class Backend, class Sets>
@@ -31,12 +58,13 @@ public:
     static constexpr int d = Sets::Space::dimension;
 
     explicit SolveMemory(Backend const& backend)
-        : coarse(backend), kept(backend), search(backend), sums(backend), backend_(backend)
+        : coarse(backend), kept(backend), search(backend), progress(backend), sums(backend), backend_(backend)
     {}
 
     CoarseGrids<Backend, typename Sets::Space> coarse;             ///< that precondition
     KeptDirections<Backend, typename Sets::Space> kept;            ///< by which small scenes precondition
     typename Backend::template ReadbackBuffer<SearchState> search; ///< where loops run
+    WatchedBy<Backend> progress;                                   ///< of the search, as the host sees it
     typename Backend::template ReadbackBuffer<SolveSums<d>> sums;  ///< what the host reads of nodes
 
     SolveReport report{};          ///< of the last step; its counts are those of the call

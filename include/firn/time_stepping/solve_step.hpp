@@ -316,19 +316,34 @@ private:
             own_.coarse.template weigh<Kernel, Transfer>(grid(), at_rest_, stiffness_of_kernel);
         own_.search.resize(1);
         SearchState* const search = own_.search.data();
+        own_.progress.begin();
         auto const conditioned = condition(found);
-        call(conditioned, BeginSearch{search, forcing(), own_.coarse.added()});
+        call(conditioned, BeginSearch{search, forcing(), own_.coarse.added(), own_.progress.there()});
         SearchState now;
-        for (int queued = 0; queued < by_.linear && !now.has_ended;) {
-            int ahead = 1;
-            if (Backend::queues) ahead = by_.fixed ? by_.linear : now.expected(by_.linear - queued);
-            for (int i = 0; i < ahead; ++i) iterate(search);
-            queued += ahead;
+        if constexpr (Backend::queues) {
+            for (int queued = 0; queued < by_.linear && goes_on(queued); ++queued) iterate(search);
             now = *own_.search.read();
         }
+        else
+            for (int i = 0; i < by_.linear && !now.has_ended; ++i) {
+                iterate(search);
+                now = *own_.search.read();
+            }
         report_.products += now.products;
         report_.passes += now.products;
         return now.slope;
+    }
+    /// Whether to queue another iteration behind so many: waits until the one before the last has finished.
+    /// So the device always has the next one, and one at most is queued in vain.
+    bool goes_on(int queued)
+    {
+        constexpr int ahead = 2;
+        if (queued < ahead || by_.fixed) return true;
+        auto const now = own_.progress.look([&](std::uint32_t number) {
+            SearchProgress const so_far{number};
+            return so_far.has_ended() || so_far.products() > queued - ahead;
+        });
+        return !SearchProgress{now}.has_ended();
     }
     /// The share of its residual at which a search ends. Where directions are kept those of a longer search
     /// are of use to the next ones, so this takes fewer systems and no more products.
@@ -343,13 +358,13 @@ private:
         on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
         pass<ProductOfStress>();
         auto const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_});
-        call(curvature, ChooseLength{search});
+        call(curvature, ChooseLength{search, own_.progress.there()});
         if constexpr (Kept::possible)
             if (own_.kept.are_kept()) own_.kept.template keep<Kernel, Transfer>(curvature.sum);
         auto const found =
             on_nodes(BesideWalls<AdvanceSearch<Space, Kernel, Transfer>, Actions>{{{}, search}, now_});
         auto const conditioned = condition(found);
-        call(conditioned, ChooseDirection{search, own_.coarse.added()});
+        call(conditioned, ChooseDirection{search, own_.coarse.added(), own_.progress.there()});
     }
     /// Completes the preconditioned residual z by what coarse grids find, or earlier searches have found.
     /// Returns r z without what coarse grids add, `found` being that of nodes.

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/array.hpp>
+#include <firn/cuda/signal.hpp>
 
 #include <cstddef>
 #include <cstdint>
@@ -205,6 +206,7 @@ __global__ void __launch_bounds__(merging_warps * 32) merge_and_call(Partial<Res
 {
     __shared__ __align__(16) unsigned char memory[merging_warps * sizeof(Result)];
     auto* const parts = reinterpret_cast<Result*>(memory);
+    wait_for_the_loop_before();
     std::uint32_t const warp = threadIdx.x / 32;
     of.merge(warp, merging_warps, parts);
     __syncthreads();

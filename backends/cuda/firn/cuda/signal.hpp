@@ -24,6 +24,16 @@ struct Told
     std::uint32_t chosen; ///< the last loop that finished a step early
 };
 
+/// What a loop calls first that is launched by launch_behind(): waits for the loop before, and lets the next
+/// one launch.
+__device__ inline void wait_for_the_loop_before()
+{
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+    cudaTriggerProgrammaticLaunchCompletion();
+    cudaGridDependencySynchronize();
+#endif
+}
+
 /// Tells queued loops whether they have work to do: each asks first. A loop that finds that the ones behind
 /// it must not run stops them, and the host resolves it.
 struct Signal
@@ -51,10 +61,7 @@ struct Signal
     /// one.
     __device__ Heard hear() const
     {
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
-        cudaTriggerProgrammaticLaunchCompletion();
-        cudaGridDependencySynchronize();
-#endif
+        wait_for_the_loop_before();
         return {words[0], words[1]};
     }
     __device__ bool stops(std::uint32_t number = 0) const { return hear().stops(number); }
