@@ -115,10 +115,17 @@ struct Watched : bench::Backend
         return watch->take(is_product<Phase> ? of_product : of_particles,
                            [&] { return bench::Backend::for_each_cell(cells, layer, phase); });
     }
-    template <class CellOrders, class GridType, class Phase>
-    auto for_each_node(CellOrders const& cells, GridType& grid, Phase const& phase) const
+    template <class CellOrders, class GridType, class Phase, class... Behind>
+    auto for_each_node(CellOrders const& cells, GridType& grid, Phase const& phase,
+                       Behind const&... behind) const
     {
-        return watch->take(of_nodes, [&] { return bench::Backend::for_each_node(cells, grid, phase); });
+        return watch->take(of_nodes,
+                           [&] { return bench::Backend::for_each_node(cells, grid, phase, behind...); });
+    }
+    template <class... Loops>
+    void for_each_in_turn(Loops const&... loops) const
+    {
+        watch->take(of_coarse_grids, [&] { bench::Backend::for_each_in_turn(loops...); });
     }
     template <class Body>
     void for_each(std::size_t count, Body const& body) const

@@ -160,6 +160,8 @@ concept QueueingBackend = requires(B const backend, Order order, std::array<Orde
     backend.for_each_in_step(orders, blindly, detail::AnyBody{}); // for_each, unless steps have stopped
     backend.stop_steps_if(orders, std::declval<std::uint32_t const*>(), count,
                           std::declval<std::uint32_t*>()); // stops them, and sets the second, if any is not 0
+    typename B::WatchedNumber; // a std::uint32_t at which the host looks while loops write it: see
+                               // cuda/watched_number.hpp
 };
 
 /// All that a solver asks of a backend before it compiles a loop.
@@ -186,6 +188,14 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //                                          results, or a handle from which run_steps() merges them
 //   call_with(handle, body)                if it is a handle: calls `body(merged results)` once, where loops
 //                                          run, before the next loop over nodes
+//
+// A backend that queues joins loops, for scenes so small that launching one takes longer than its work:
+//
+//   for_each_node(orders, grid, phase, body)   the same, and then as call_with()
+//   for_each_in_turn(handle, body, loops...)   the bodies of each `LoopInTurn<Body>{count, body}`, loop by
+//   loop,
+//                                              and then as call_with(); or the loops alone
+//   for_each_place(order, visit)               passes the item's slot, too, to a visit that takes three
 //
 // A loop over cells calls `phase.prepare(items)` if the phase does not gather. Else it calls `begin(items)`,
 // gathers, and calls `update(items, result)`, or `update(items, result, rare)` with a second result for what

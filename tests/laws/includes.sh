@@ -11,7 +11,7 @@ cd "$1"
 names_of_others() {
     cat <<'END'
 algorithm: adjacent_find all_of any_of clamp copy copy_n count equal fill fill_n find find_if find_if_not inplace_merge
-algorithm: lexicographical_compare lower_bound max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
+algorithm: lexicographical_compare lower_bound max max_element min minmax nth_element partition partition_point ranges::all_of ranges::any_of
 algorithm: ranges::copy ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::max ranges::min ranges::none_of ranges::sort
 algorithm: ranges::set_difference ranges::stable_sort ranges::upper_bound sort stable_sort transform unique upper_bound
 array: array
@@ -62,7 +62,8 @@ thread: this_thread thread
 typeinfo: type_info
 tuple: apply tie tuple tuple_cat
 type_traits: conditional_t decay_t integral_constant is_aggregate_v is_arithmetic_v is_base_of_v is_class_v is_const_v
-type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_same_v is_signed_v is_standard_layout_v
+type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_invocable_v is_same_v is_signed_v
+type_traits: is_standard_layout_v
 type_traits: is_trivially_copyable_v is_trivially_destructible_v remove_const_t remove_cv_t remove_cvref_t
 type_traits: remove_pointer_t remove_reference_t type_identity type_identity_t
 unordered_map: unordered_map

@@ -12,7 +12,7 @@
 #include <firn/cuda/run_steps.hpp>
 #include <firn/cuda/scatter.hpp>
 #include <firn/cuda/update_nodes.hpp>
-#include <firn/cuda/watched.hpp>
+#include <firn/cuda/watched_number.hpp>
 
 #include <algorithm>
 #include <array>
@@ -45,7 +45,9 @@ struct Cuda
     using SharedCount = std::atomic<int>; ///< several host threads may change it concurrently
     template <class T>
     using ReadbackBuffer = cuda::ReadbackBuffer<T>;
-    using Watched = cuda::Watched;
+    template <class Body>
+    using LoopInTurn = cuda::detail::LoopInTurn<Body>;
+    using WatchedNumber = cuda::WatchedNumber;
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
@@ -189,10 +191,13 @@ struct Cuda
     }
 
     /// Calls `phase(node, result)` for every node that any layer added to; the merged result becomes known
-    /// once the items have moved.
-    template <class Order, std::size_t orders, class GridType, class Phase>
+    /// once the items have moved. If `behind` is passed, the same loop calls it once with the merged result,
+    /// as call_with() would.
+    template <class Order, std::size_t orders, class GridType, class Phase,
+              class Behind = cuda::detail::NothingBehind>
     cuda::Partial<typename Phase::Result> for_each_node(std::array<Order*, orders> const& cells,
-                                                        GridType& grid, Phase const& phase) const
+                                                        GridType& grid, Phase const& phase,
+                                                        Behind const& behind = {}) const
     {
         using Result = typename Phase::Result;
         if (grid.node_blocks() == 0) return {};
@@ -205,9 +210,9 @@ struct Cuda
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
-                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.groups(),
+                                 cuda::detail::for_each_node<GridType, Phase, Blocks, Behind>, grid.groups(),
                                  cuda::detail::block_threads, 0, cells[0]->signal(), phase, grid.view(),
-                                 blocks, results, to_forget);
+                                 blocks, results, to_forget, behind);
         };
         if constexpr (Phase::looks_around || TellsLayersApart<Phase>)
             loop(grid.blocks_of_nodes());
@@ -224,6 +229,24 @@ struct Cuda
         cuda::OnDevice const here(device);
         cuda::launch_behind("merge_and_call", queue(), cuda::detail::merge_and_call<Result, Body>, 1,
                             cuda::detail::merging_warps * 32, 0, found, body);
+    }
+
+    /// Loops without nodes one after the other, `loops` being their counts and bodies as LoopInTurn; then as
+    /// call_with(). One loop does all that, if they are short.
+    template <class Result, class Body, class... Bodies>
+    void for_each_in_turn(cuda::Partial<Result> const& found, Body const& body,
+                          cuda::detail::LoopInTurn<Bodies> const&... loops) const
+    {
+        if (queue_in_turn(found, body, loops...)) return;
+        (for_each(loops.count, loops.body), ...);
+        call_with(found, body);
+    }
+    /// The same without a call.
+    template <class... Bodies>
+    void for_each_in_turn(cuda::detail::LoopInTurn<Bodies> const&... loops) const
+    {
+        if (queue_in_turn(cuda::Partial<NothingFound>{}, cuda::detail::NothingBehind{}, loops...)) return;
+        (for_each(loops.count, loops.body), ...);
     }
 
     /// Queues the loop that moves the items of an order of cells, for what takes steps one by one.
@@ -257,6 +280,21 @@ struct Cuda
         auto const orders = steps.orders();
         auto const layers = steps.layers();
         return cuda::StepRunner(queue(), orders, layers).run(steps, expected);
+    }
+
+private:
+    /// Queues loops as one, if they are so short that one group of threads does not take long.
+    template <class Result, class Body, class... Bodies>
+    bool queue_in_turn(cuda::Partial<Result> const& found, Body const& body,
+                       cuda::detail::LoopInTurn<Bodies> const&... loops) const
+    {
+        constexpr std::size_t longest = 8 * cuda::detail::threads_in_turn;
+        if (std::max({loops.count...}) > longest) return false;
+        cuda::OnDevice const here(device);
+        cuda::launch_behind("for_each_in_turn", queue(),
+                            cuda::detail::for_each_in_turn<Result, Body, Bodies...>, 1,
+                            cuda::detail::threads_in_turn, 0, found, body, loops...);
+        return true;
     }
 };
 

@@ -98,7 +98,7 @@ public:
     /// Where the particles of begin() lie.
     CoarseExtent<d> const& extent() const { return extent_; }
 
-    /// Finds the diagonals, for the state that was tried last.
+    /// Finds the diagonals, for the state that was tried last, and makes room for added().
     template <class Kernel, class Transfer, class Grid>
     void weigh(Grid& grid, bool at_rest, double stiffness_of_kernel)
     {
@@ -111,30 +111,49 @@ public:
         auto const nodes = nodes_of(grid);
         using Nodes = std::remove_const_t<decltype(nodes)>;
         std::size_t const near = near_count();
-        backend_.for_each(near * std::size_t(Node::lines),
-                          WeighLines<Space, Kernel, Transfer, Nodes>{
-                              {nodes, reached_.data(), near}, weight_lines_.data(), at_rest});
-        on_first(weights_, near_weights_, [&](CoarseWeights<double, d>* to) {
-            backend_.for_each(near, AddWeightsOfLines<Number, d>{near, weight_lines_.data(), to});
-        });
-        for (std::size_t l = 1; l < levels_.size(); ++l)
-            backend_.for_each(levels_[l].size(),
-                              WeighLevel<d>{levels_[l].finer.links(), weights_.data() + levels_[l - 1].offset,
-                                            weights_.data() + levels_[l].offset});
-        double in_cells = 1; // of the grid's own, to a level's size
-        for (auto& level : levels_) {
-            in_cells *= coarsening;
-            backend_.for_each(
-                level.size(),
-                InvertDiagonal<d>{weights_.data() + level.offset, diagonals_.data() + level.offset,
-                                  stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells),
-                                  at_rest});
+        constexpr std::size_t of_part = ProlongCorrection<Space, Kernel, Transfer, Nodes>::of_part;
+        of_sum_.resize((first_count() + of_part - 1) / of_part, 0);
+        std::size_t const lines = near * std::size_t(Node::lines);
+        WeighLines<Space, Kernel, Transfer, Nodes> const weigh_lines{
+            {nodes, reached_.data(), near}, weight_lines_.data(), at_rest};
+        auto const add_lines = [&](CoarseWeights<double, d>* to) {
+            return AddWeightsOfLines<Number, d>{near, weight_lines_.data(), to};
+        };
+        auto const size = [&](std::size_t l) { return l < levels_.size() ? levels_[l].size() : 0; };
+        auto const weigh = [&](std::size_t l) { // a level after the first
+            if (l >= levels_.size()) return WeighLevel<d>{};
+            return WeighLevel<d>{levels_[l].finer.links(), weights_.data() + levels_[l - 1].offset,
+                                 weights_.data() + levels_[l].offset};
+        };
+        auto const invert = [&](std::size_t l) {
+            if (l >= levels_.size()) return InvertDiagonal<d>{};
+            double in_cells = 1; // of the grid's own, to the level's size
+            for (std::size_t i = 0; i <= l; ++i) in_cells *= coarsening;
+            return InvertDiagonal<d>{
+                weights_.data() + levels_[l].offset, diagonals_.data() + levels_[l].offset,
+                stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells), at_rest};
+        };
+        if constexpr (Backend::queues) [&]<std::size_t... l>(std::index_sequence<l...>)
+            {
+                backend_.for_each_in_turn(
+                    in_turn(lines, weigh_lines), in_turn(near, add_lines(weights_.data())),
+                    in_turn(size(l + 1), weigh(l + 1))..., in_turn(size(l), invert(l))...);
+            }
+        (std::make_index_sequence<most_levels>{});
+        else
+        {
+            backend_.for_each(lines, weigh_lines);
+            on_first(weights_, near_weights_,
+                     [&](CoarseWeights<double, d>* to) { backend_.for_each(near, add_lines(to)); });
+            for (std::size_t l = 1; l < levels_.size(); ++l) backend_.for_each(size(l), weigh(l));
+            for (std::size_t l = 0; l < levels_.size(); ++l) backend_.for_each(size(l), invert(l));
         }
     }
 
-    /// Adds the coarse grids' part to the preconditioned residual of nodes.
-    template <class Kernel, class Transfer, class Grid>
-    void correct(Grid& grid)
+    /// Adds the coarse grids' part to the preconditioned residual of nodes, and calls `body(r z)` where loops
+    /// run, `found` being that of nodes.
+    template <class Kernel, class Transfer, class Grid, class Found, class Body>
+    void correct(Grid& grid, Found const& found, Body const& body)
     {
         if constexpr (spans_ranks<Backend>) {
             constexpr int residual = SolvePhase<Space, Kernel, Transfer>::Own::residual;
@@ -145,27 +164,41 @@ public:
         auto const nodes = nodes_of(grid);
         using Nodes = std::remove_const_t<decltype(nodes)>;
         std::size_t const first = first_count(), coarser = values_.size() - first, near = near_count();
-        backend_.for_each(
-            near * std::size_t(Node::lines),
-            RestrictLines<Space, Kernel, Transfer, Nodes>{{nodes, reached_.data(), near}, lines_.data()});
-        on_first(values_, near_values_, [&](Vector<double, d>* to) {
-            backend_.for_each(near, AddResidualsOfLines<Number, d>{near, lines_.data(), to});
-        });
-        if (coarser > 0) {
-            backend_.for_each(parts_.size(),
-                              RestrictPart<d>{to_first_.links(), values_.data(), parts_.data()});
-            backend_.for_each(coarser, CorrectCoarser<d>{first_of_node_.data(), parts_.data(),
-                                                         diagonals_.data() + first, values_.data() + first});
-        }
-        backend_.for_each(first, CorrectFirst<d>{to_coarser_.links(), values_.data() + first,
-                                                 diagonals_.data(), values_.data(), products_.data()});
         using Prolong = ProlongCorrection<Space, Kernel, Transfer, Nodes>;
-        std::size_t const count = lists_linked ? list_.size() : grid.node_count(),
-                          parts = (first + Prolong::of_part - 1) / Prolong::of_part;
-        of_sum_.resize(parts, 0);
-        backend_.for_each(count + parts,
-                          Prolong{nodes, lists_linked ? list_.data() : nullptr, count, linked_.data(),
-                                  values_.data(), products_.data(), first, of_sum_.data()});
+        std::size_t const count = lists_linked ? list_.size() : grid.node_count(), parts = of_sum_.size();
+
+        std::size_t const lines = near * std::size_t(Node::lines),
+                          parts_of_sums = coarser > 0 ? parts_.size() : 0;
+        RestrictLines<Space, Kernel, Transfer, Nodes> const restrict_lines{{nodes, reached_.data(), near},
+                                                                           lines_.data()};
+        auto const add_lines = [&](Vector<double, d>* to) {
+            return AddResidualsOfLines<Number, d>{near, lines_.data(), to};
+        };
+        RestrictPart<d> const restrict_part{to_first_.links(), values_.data(), parts_.data()};
+        CorrectCoarser<d> const correct_coarser{first_of_node_.data(), parts_.data(),
+                                                diagonals_.data() + first, values_.data() + first};
+        CorrectFirst<d> const correct_first{to_coarser_.links(), values_.data() + first, diagonals_.data(),
+                                            values_.data(), products_.data()};
+        Prolong const prolong{nodes,          lists_linked ? list_.data() : nullptr,
+                              count,          linked_.data(),
+                              values_.data(), products_.data(),
+                              first,          of_sum_.data()};
+        if constexpr (Backend::queues) {
+            backend_.for_each_in_turn(
+                found, body, in_turn(lines, restrict_lines), in_turn(near, add_lines(values_.data())),
+                in_turn(parts_of_sums, restrict_part), in_turn(coarser, correct_coarser),
+                in_turn(first, correct_first), in_turn(count + parts, prolong));
+        }
+        else {
+            backend_.for_each(lines, restrict_lines);
+            on_first(values_, near_values_,
+                     [&](Vector<double, d>* to) { backend_.for_each(near, add_lines(to)); });
+            backend_.for_each(parts_of_sums, restrict_part);
+            backend_.for_each(coarser, correct_coarser);
+            backend_.for_each(first, correct_first);
+            backend_.for_each(count + parts, prolong);
+            call_with(backend_, found, body);
+        }
     }
     /// What they have added to r z: where loops run.
     CoarsePartsOfSum added() const
@@ -195,6 +228,8 @@ private:
     static constexpr bool lists_linked = Backend::reaches_host_memory;
     /// The links of a part of a sum: a compromise between how many sums there are and how long one takes.
     static constexpr std::size_t links_of_part = 32;
+
+    static constexpr std::size_t most_levels = 8;
 
     using LinksOfNode = std::vector<NodeWeight<double>>;
 
@@ -229,6 +264,13 @@ private:
 
         std::size_t size() const { return grid.nodes().size(); }
     };
+
+    /// A loop among those of a backend that queues.
+    template <class Body>
+    static auto in_turn(std::size_t count, Body const& body)
+    {
+        return typename Backend::template LoopInTurn<Body>{count, body};
+    }
 
     std::size_t first_count() const { return levels_.front().size(); }
     /// Of its nodes, those that may reach nodes here: all, unless other ranks have some.
@@ -294,62 +336,12 @@ private:
         }
         return cells;
     }
-    /// The coarse cells of those that hold a particle. Few boxes around a scene are so large that marks of
-    /// all their cells take more than a list of some.
-    static std::vector<Coordinates<d>> coarse_cells(std::vector<HeldCells<d>> const& held)
-    {
-        constexpr int far = std::numeric_limits<int>::max();
-        Coordinates<d> low = Coordinates<d>::Constant(far), high = Coordinates<d>::Constant(-far);
-        std::size_t any = 0;
-        for (auto const& of : held) {
-            if (of.corners == 0) continue;
-            ++any;
-            low = low.cwiseMin(of.node);
-            high = high.cwiseMax(of.node);
-        }
-        std::vector<Coordinates<d>> cells;
-        if (any == 0) return cells;
-        low = coarse_cell<d>(low - Coordinates<d>::Constant(1)); // a corner's cell may begin a node before
-        high = coarse_cell<d>(high);
-        double box = 1;
-        for (int a = 0; a < d; ++a) box *= double(high[a]) - double(low[a]) + 1;
-        auto const each = [&](auto const& use) {
-            for (auto const& of : held)
-                if (of.corners != 0)
-                    of.for_each([&](Coordinates<d> const& cell) { use(coarse_cell<d>(cell)); });
-        };
-        if (box > 64 * double(any)) {
-            each([&](Coordinates<d> const& cell) { cells.push_back(cell); });
-            CoarseGrid<d>::make_unique(cells);
-            return cells;
-        }
-        std::vector<bool> marks(static_cast<std::size_t>(box));
-        Coordinates<d> const extent = high - low + Coordinates<d>::Constant(1);
-        each([&](Coordinates<d> const& cell) {
-            std::size_t place = 0;
-            for (int a = 0; a < d; ++a)
-                place = place * std::size_t(extent[a]) + std::size_t(cell[a] - low[a]);
-            marks[place] = true;
-        });
-        for (std::size_t place = 0; place < marks.size(); ++place) {
-            if (!marks[place]) continue;
-            Coordinates<d> cell;
-            std::size_t rest = place;
-            for (int a = d - 1; a >= 0; --a) {
-                cell[a] = low[a] + static_cast<int>(rest % std::size_t(extent[a]));
-                rest /= std::size_t(extent[a]);
-            }
-            cells.push_back(cell);
-        }
-        return cells;
-    }
-
     void make_levels(std::vector<Coordinates<d>> cells)
     {
         levels_.clear();
         std::size_t count = 0;
         for (bool goes_on = true; goes_on;) {
-            goes_on = cells.size() > 1 && levels_.size() < 7;
+            goes_on = cells.size() > 1 && levels_.size() < most_levels - 1;
             levels_.push_back({{}, count, Links(backend_)});
             levels_.back().grid.begin(cells);
             count += levels_.back().size();

@@ -6,6 +6,7 @@
 #include <firn/core/field_sets.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/particles/table_view.hpp>
 #include <firn/phases/solve_particles.hpp>

@@ -38,11 +38,11 @@ struct WatchedOf
 template <class Backend>
 requires Backend::queues struct WatchedOf<Backend>
 {
-    using Type = typename Backend::Watched;
+    using Type = typename Backend::WatchedNumber;
 };
 } // namespace detail
 
-/// What a backend that queues calls Watched: a number that loops write, and at which the host looks.
+/// What a backend that queues calls WatchedNumber: a number that loops write, and at which the host looks.
 template <class Backend>
 using WatchedBy = typename detail::WatchedOf<Backend>::Type;
 

@@ -14,6 +14,7 @@
 #include <firn/phases/solve_search.hpp>
 #include <firn/phases/update_contact.hpp>
 #include <firn/time_stepping/log_solve.hpp>
+#include <firn/time_stepping/solve_loops.hpp>
 #include <firn/time_stepping/solve_memory.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/time_stepping/step_scene.hpp>
@@ -23,6 +24,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <type_traits>
 #include <utility>
 
@@ -78,8 +80,8 @@ class SolveStep
 
 public:
     SolveStep(Memory& memory, Scene const& scene, Context const* now)
-        : memory_(memory), scene_(scene), now_(now), by_(memory.transfer.integrator), own_(memory.solve),
-          report_(memory.solve.report), at_rest_(memory.solve.at_rest),
+        : memory_(memory), scene_(scene), loops_(memory, scene), now_(now), by_(memory.transfer.integrator),
+          own_(memory.solve), report_(memory.solve.report), at_rest_(memory.solve.at_rest),
           part_(at_rest_ ? 1 : Transfer::Integrator::part_of_step),
           dt_(scene.time_state.now.interval.length() * part_)
     {}
@@ -91,8 +93,9 @@ public:
         report_.begin_step();
         own_.refused = own_.loose = nullptr;
         own_.is_everywhere = false;
-        Sums const start = sums_on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
-            {update(), at_rest_, static_cast<Number>(part_)}, now_});
+        Sums const start =
+            loops_.sums_on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
+                {update(), at_rest_, static_cast<Number>(part_)}, now_});
         mass_ = start.first;
         if (!(mass_ > 0)) return report_.converged = true;
         if (start.refused > 0) {
@@ -121,10 +124,10 @@ public:
                 break;
             }
             if (report_.newton_of_step == 0 && (at_rest_ || at.stiffest > stiff)) make_coarse_grids();
-            double const slope = search();
-            if (!step_along(slope, at) || !update_contact(start, at)) return false;
+            search();
+            if (!step_along(at) || !update_contact(start, at)) return false;
         }
-        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        loops_.on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
         report_.converged = report_.residual <= report_.tolerance;
         return true;
     }
@@ -182,36 +185,6 @@ private:
                                              false);
     }
 
-    /// Calls a phase for all nodes; returns what they found, or a handle to it.
-    template <class Phase>
-    auto on_nodes(Phase const& phase) const
-    {
-        auto const found = memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
-        if constexpr (spans_ranks<Backend> && !std::is_same_v<typename Phase::Result, NothingFound>)
-            memory_.backend.for_each_other_node(scene_.sets.orders(), grid(), phase);
-        return found;
-    }
-    /// What they found, once the loop has finished.
-    template <class Phase>
-    Sums sums_on_nodes(Phase const& phase) const
-    {
-        return merged_result(memory_.backend, own_.sums, on_nodes(phase));
-    }
-    /// What nodes do with the sums of a pass, which are the next step's until then.
-    template <class Phase>
-    auto on_passed(Phase const& phase) const
-    {
-        grid().swap();
-        auto const found = on_nodes(BesideWalls<Phase, Actions>{phase, now_});
-        grid().swap();
-        return found;
-    }
-    /// Calls a function object with the sums that nodes found, where loops run.
-    template <class Found, class Body>
-    void call(Found const& found, Body const& body) const
-    {
-        call_with(memory_.backend, found, body);
-    }
     /// A pass from nodes to particles and back.
     template <template <class, class, class, class, class> class Pass>
     void pass()
@@ -240,9 +213,11 @@ private:
         pass<TryVelocities>();
         ++report_.passes;
         double const in_cells = dt_ / memory_.lattice.cell_size;
-        auto const found = on_passed(FindResidual<Space, Kernel, Transfer>{
-            {}, at_rest_, static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
-        return merged_result(memory_.backend, own_.sums, found);
+        FindResidual<Space, Kernel, Transfer> const find{
+            {}, at_rest_, static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)};
+        return loops_.on_passed([&] {
+            return loops_.sums_on_nodes(BesideWalls<decltype(find), Actions>{find, now_});
+        });
     }
 
     /// Finds anew which nodes obstacles hold, and how they rub, at the velocities that were tried. `at`
@@ -250,9 +225,10 @@ private:
     bool update_contact(Sums const& start, Sums& at)
     {
         if (start.touching == 0) return true;
-        auto const found = on_nodes(BesideWalls<UpdateContact<Space, Kernel, Transfer, Actions>, Actions>{
-            {{update(), at_rest_, static_cast<Number>(part_)}, static_cast<Number>(weight_of_contact())},
-            now_});
+        auto const found =
+            loops_.on_nodes(BesideWalls<UpdateContact<Space, Kernel, Transfer, Actions>, Actions>{
+                {{update(), at_rest_, static_cast<Number>(part_)}, static_cast<Number>(weight_of_contact())},
+                now_});
         if (at_rest_) {
             std::uint64_t const held = merged_result(memory_.backend, own_.sums, found).held;
             if (start.held + held == 0) {
@@ -287,7 +263,7 @@ private:
     void leave_load(Sums& at)
     {
         if (!(own_.left_out > 0)) return;
-        on_nodes(BesideWalls<LeaveLoad<Space, Kernel, Transfer, Actions>, Actions>{
+        loops_.on_nodes(BesideWalls<LeaveLoad<Space, Kernel, Transfer, Actions>, Actions>{
             {{update(), at_rest_, static_cast<Number>(part_)}, static_cast<Number>(own_.left_out)}, now_});
         at = residual();
     }
@@ -296,7 +272,7 @@ private:
     void start_nearer(Sums& at)
     {
         auto const start_from = [&](Number share) {
-            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, share});
+            loops_.on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, share});
             at = residual();
         };
         double const before = at.inverted > 0 ? std::numeric_limits<double>::infinity() : at.first;
@@ -305,33 +281,36 @@ private:
     }
 
     /// Solves for the change by conjugate gradients, preconditioned by the nodes' diagonal and by coarse
-    /// grids. Returns the slope of the incremental energy along it, r dv, which is below 0.
-    double search()
+    /// grids.
+    void search()
     {
         ++report_.newton, ++report_.newton_of_step;
-        auto const found =
-            on_nodes(BesideWalls<AcceptVelocities<Space, Kernel, Transfer>, Actions>{{}, now_});
         if constexpr (Kept::possible) own_.kept.template begin_system<Kernel, Transfer>();
         if (own_.coarse.are_there())
             own_.coarse.template weigh<Kernel, Transfer>(grid(), at_rest_, stiffness_of_kernel);
         own_.search.resize(1);
         SearchState* const search = own_.search.data();
         own_.progress.begin();
-        auto const conditioned = condition(found);
-        call(conditioned, BeginSearch{search, forcing(), own_.coarse.added(), own_.progress.there()});
-        SearchState now;
+        precondition(BesideWalls<AcceptVelocities<Space, Kernel, Transfer>, Actions>{{}, now_},
+                     BeginSearch{search, forcing(), own_.coarse.added(), own_.progress.there()});
         if constexpr (Backend::queues) {
             for (int queued = 0; queued < by_.linear && goes_on(queued); ++queued) iterate(search);
-            now = *own_.search.read();
+            own_.search.fetch(); // the host does not wait before it has queued the residual, too
         }
         else
-            for (int i = 0; i < by_.linear && !now.has_ended; ++i) {
+            for (int i = 0; i < by_.linear; ++i) {
                 iterate(search);
-                now = *own_.search.read();
+                if (own_.search.read()->has_ended) break;
             }
-        report_.products += now.products;
-        report_.passes += now.products;
-        return now.slope;
+    }
+    /// Counts the products of the last search. Returns the slope of the incremental energy along the change,
+    /// r dv, which is below 0.
+    double slope_of_search()
+    {
+        SearchState const found = *own_.search.read();
+        report_.products += found.products;
+        report_.passes += found.products;
+        return found.slope;
     }
     /// Whether to queue another iteration behind so many: waits until the one before the last has finished.
     /// So the device always has the next one, and one at most is queued in vain.
@@ -355,26 +334,32 @@ private:
     /// An iteration of conjugate gradients.
     void iterate(SearchState* search)
     {
-        on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
+        loops_.on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
         pass<ProductOfStress>();
-        auto const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_});
-        call(curvature, ChooseLength{search, own_.progress.there()});
+        [[maybe_unused]] auto const curvature = loops_.on_passed([&] {
+            return loops_.on_nodes(
+                BesideWalls<FindCurvature<Space, Kernel, Transfer>, Actions>{{{}, at_rest_}, now_},
+                ChooseLength{search, own_.progress.there()});
+        });
         if constexpr (Kept::possible)
             if (own_.kept.are_kept()) own_.kept.template keep<Kernel, Transfer>(curvature.sum);
-        auto const found =
-            on_nodes(BesideWalls<AdvanceSearch<Space, Kernel, Transfer>, Actions>{{{}, search}, now_});
-        auto const conditioned = condition(found);
-        call(conditioned, ChooseDirection{search, own_.coarse.added(), own_.progress.there()});
+        precondition(BesideWalls<AdvanceSearch<Space, Kernel, Transfer>, Actions>{{{}, search}, now_},
+                     ChooseDirection{search, own_.coarse.added(), own_.progress.there()});
     }
-    /// Completes the preconditioned residual z by what coarse grids find, or earlier searches have found.
-    /// Returns r z without what coarse grids add, `found` being that of nodes.
-    template <class Found>
-    Found condition(Found found)
+    /// Calls a phase that preconditions the residual of nodes, completes that by what coarse grids find, or
+    /// earlier searches have found, and calls `body(r z)` where loops run, without what coarse grids add.
+    template <class Phase, class Body>
+    void precondition(Phase const& phase, Body const& body)
     {
-        if (own_.coarse.are_there()) own_.coarse.template correct<Kernel, Transfer>(grid());
+        if (own_.coarse.are_there())
+            return own_.coarse.template correct<Kernel, Transfer>(grid(), loops_.on_nodes(phase), body);
         if constexpr (Kept::possible)
-            if (own_.kept.are_there()) found.sum = own_.kept.template condition<Kernel, Transfer>(touches_);
-        return found;
+            if (own_.kept.are_there()) {
+                auto found = loops_.on_nodes(phase);
+                found.sum = own_.kept.template condition<Kernel, Transfer>(touches_);
+                return call_with(memory_.backend, found, body);
+            }
+        loops_.on_nodes(phase, body);
     }
     /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
     void make_coarse_grids()
@@ -387,21 +372,23 @@ private:
             if (auto const& extent = own_.coarse.extent(); extent.is_small())
                 own_.kept.template begin<Kernel, Transfer>(
                     grid(), extent.first_node(), extent.last_node(), [&] {
-                        on_nodes(BesideWalls<MarkCounted<Space, Kernel, Transfer>, Actions>{{}, now_});
+                        loops_.on_nodes(BesideWalls<MarkCounted<Space, Kernel, Transfer>, Actions>{{}, now_});
                     });
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
     /// residual there. In a step of a fixed number of iterations an eighth is the last that is tried, and
     /// taken unless it turns a particle inside out. So it has three residuals more for each system at most.
-    bool step_along(double slope, Sums& at)
+    bool step_along(Sums& at)
     {
         constexpr double armijo = 1e-4, least = 0x1p-3;
+        std::optional<double> slope;
         for (double share = 1; share > 0x1p-13; share /= 2) {
-            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, static_cast<Number>(share)});
+            loops_.on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, static_cast<Number>(share)});
             at = residual();
+            if (!slope) slope = slope_of_search();
             if (drifts(at)) return false;
-            bool const falls = at.second <= (1 - 2 * armijo) * -slope;
+            bool const falls = at.second <= (1 - 2 * armijo) * -*slope;
             if (is_possible(at) && (falls || (by_.fixed && share <= least))) return true;
             ++report_.halvings;
             if (by_.fixed && share <= least) break;
@@ -426,14 +413,14 @@ private:
         if (!at_rest_ || std::sqrt(at.third / mass_) < farthest * memory_.lattice.cell_size) return false;
         own_.loose = "the scene is free to slide or to turn, and the load drives it there";
         // where it goes furthest, beside which velocities that it had are nothing
-        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        loops_.on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
         report_.where = place_of(found_of_change().where);
         return true;
     }
     /// What EstimateError finds of the change of velocities.
     Sums found_of_change() const
     {
-        return sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
+        return loops_.sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
             {{}, static_cast<Number>(dt_)}, now_});
     }
     void note(Sums const& at)
@@ -472,6 +459,7 @@ private:
 
     Memory& memory_;
     Scene const& scene_;
+    SolveLoops<Memory, Scene> loops_;
     Context const* now_;
     Implicit const by_;
     SolveMemory<Backend, Sets>& own_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/cuda/readback.hpp>
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/teams.hpp>
 
@@ -45,6 +46,34 @@ __global__ void __launch_bounds__(256, 2) for_each_in_step(Signal signal, Body b
     if (signal.stops()) return;
     std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < count) body(i);
+}
+
+/// One of several loops that run one after the other.
+template <class Body>
+struct LoopInTurn
+{
+    std::size_t count;
+    Body body;
+};
+
+inline constexpr unsigned threads_in_turn = 512;
+
+/// Loops that are too short to be spread, one after the other by one group of threads. Unless `body` is
+/// NothingBehind, it then merges what a loop over nodes found before, and calls `body` with that.
+template <class Result, class Body, class... Bodies>
+__global__ void __launch_bounds__(threads_in_turn)
+    for_each_in_turn(Partial<Result> of, Body body, LoopInTurn<Bodies>... loops)
+{
+    __shared__ __align__(16) unsigned char parts[merging_warps * sizeof(Result)];
+    wait_for_the_loop_before();
+    auto const run = [](auto const& loop) {
+        if (loop.count == 0) return;
+        for (std::size_t i = threadIdx.x; i < loop.count; i += blockDim.x) loop.body(i);
+        __syncthreads();
+    };
+    (run(loops), ...);
+    if constexpr (!std::is_same_v<Body, NothingBehind>)
+        merge_in_group(of, reinterpret_cast<Result*>(parts), body);
 }
 
 /// Stops the steps of all orders, each of which has a signal, if any of these numbers is not 0.

@@ -81,7 +81,7 @@ template <class Result>
 struct ResultsOfGroups
 {
     Result *of_groups, *of_bunches; ///< the same array where a bunch is one group
-    std::uint32_t* finished;        ///< per bunch: how many groups are through
+    std::uint32_t* finished;        ///< per bunch: how many groups are through; behind that, of all of them
     std::uint32_t groups, bunch;
 
     __host__ __device__ std::uint32_t bunches() const { return (groups + bunch - 1) / bunch; }
@@ -138,6 +138,9 @@ struct ResultsOfGroups
         if (warp > 0) return;
         finish(lane < warps ? load_shared(parts + lane) : Result{}, group);
     }
+
+    /// Called by a group's first warp once its results are stored: whether those of all groups are.
+    __device__ bool are_complete() const { return is_last(finished + bunches(), groups); }
 
 private:
     /// Called by one warp with what its lanes have of the group's results.
@@ -200,19 +203,48 @@ namespace detail
 {
 inline constexpr std::uint32_t merging_warps = 8;
 
-/// Merges what a loop found, and calls a function object with it.
+/// Called by all threads of a group: merges what a loop found, and calls a function object with it. The order
+/// of merging is the same for any number of threads. `parts` is shared memory for as many as `merging_warps`.
 template <class Result, class Body>
-__global__ void __launch_bounds__(merging_warps * 32) merge_and_call(Partial<Result> of, Body body)
+__device__ void merge_in_group(Partial<Result> const& of, Result* parts, Body const& body)
 {
-    __shared__ __align__(16) unsigned char memory[merging_warps * sizeof(Result)];
-    auto* const parts = reinterpret_cast<Result*>(memory);
-    wait_for_the_loop_before();
-    std::uint32_t const warp = threadIdx.x / 32;
-    of.merge(warp, merging_warps, parts);
+    std::uint32_t const warp = threadIdx.x / 32, warps = blockDim.x / 32;
+#pragma unroll 1
+    for (std::uint32_t i = warp; i < merging_warps; i += warps) of.merge(i, merging_warps, parts);
     __syncthreads();
     if (warp > 0) return;
     Result const all = Partial<Result>::whole(parts, merging_warps);
     if (threadIdx.x == 0) body(all);
+}
+
+/// Merges what a loop found, and calls a function object with it.
+template <class Result, class Body>
+__global__ void __launch_bounds__(merging_warps * 32) merge_and_call(Partial<Result> of, Body body)
+{
+    __shared__ __align__(16) unsigned char parts[merging_warps * sizeof(Result)];
+    wait_for_the_loop_before();
+    merge_in_group(of, reinterpret_cast<Result*>(parts), body);
+}
+
+/// For loops behind which nothing is called.
+struct NothingBehind
+{};
+
+/// Called by all threads of each group of a loop once they have stored their results: those of the last one
+/// merge all, and call a function object with that.
+template <class Result, class Body>
+__device__ void call_behind(ResultsOfGroups<Result> const& results, Body const& body)
+{
+    __shared__ __align__(16) unsigned char parts[merging_warps * sizeof(Result)];
+    __shared__ bool are_complete;
+    if (threadIdx.x < 32) {
+        bool const complete = results.are_complete();
+        if (threadIdx.x == 0) are_complete = complete;
+    }
+    __syncthreads();
+    if (!are_complete) return;
+    merge_in_group(Partial<Result>{results.of_bunches, results.bunches()}, reinterpret_cast<Result*>(parts),
+                   body);
 }
 } // namespace detail
 
@@ -238,8 +270,8 @@ public:
         std::uint32_t const bunches = results.bunches(), more = results.bunch == 1 ? 0 : bunches;
         if (std::size_t const bytes = (std::size_t(groups) + more) * sizeof(Result); partial_.size() < bytes)
             partial_.renew(bytes + (are_apart_ ? bytes / 8 : 0)); // all devices wait while one allocates
-        if (finished_.size() < bunches) {
-            finished_.renew(bunches);
+        if (finished_.size() < bunches + 1) {
+            finished_.renew(bunches + 1);
             finished_.fill_bytes(0, finished_.size(), 0);
         }
         results.of_groups = reinterpret_cast<Result*>(partial_.data());

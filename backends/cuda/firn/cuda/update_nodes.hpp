@@ -272,11 +272,12 @@ struct NoBlocks
 
 /// Nodes add up the tiles that cover them and are updated. `blocks` finds the blocks of other nodes that a
 /// phase looks at. The loop also clears the incoming items of each layer's cells before new ones are listed.
-template <class GridType, class Phase, class Blocks>
+/// `behind` is called once with the merged results, unless it is NothingBehind.
+template <class GridType, class Phase, class Blocks, class Behind>
 __global__ void __launch_bounds__(block_threads)
     for_each_node(Signal signal, Phase phase, typename GridType::View grid, Blocks blocks,
                   ResultsOfGroups<typename Phase::Result> results,
-                  std::array<ArrivalsToForget, GridType::layers> to_forget)
+                  std::array<ArrivalsToForget, GridType::layers> to_forget, Behind behind)
 {
     if (signal.stops()) return;
 #pragma unroll
@@ -322,6 +323,7 @@ __global__ void __launch_bounds__(block_threads)
     }
     __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
     results.take(result, reinterpret_cast<typename Phase::Result*>(parts), n);
+    if constexpr (!std::is_same_v<Behind, NothingBehind>) call_behind(results, behind);
 }
 
 } // namespace firn::cuda::detail

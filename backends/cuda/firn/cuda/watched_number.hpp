@@ -10,11 +10,11 @@ namespace firn::cuda
 {
 
 /// A number that loops write, and at which the host looks while they are at work.
-class Watched
+class WatchedNumber
 {
 public:
     template <class Backend>
-    explicit Watched(Backend const& backend) : queue_(backend.queue()), number_(backend.queue())
+    explicit WatchedNumber(Backend const& backend) : queue_(backend.queue()), number_(backend.queue())
     {}
 
     /// Sets it to 0. No loop that writes it may be at work.
