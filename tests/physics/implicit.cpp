@@ -515,6 +515,52 @@ TEST_CASE("a search tells the host of each iteration that has ended, and of its 
     CHECK(told().has_ended());
 }
 
+TEST_CASE("what settle displaces lies in the order of cells, and tells where no scene can be")
+{
+    using Set = Fields<Velocity, DisplacementGradient>;
+    constexpr int columns = Set::components(2);
+    constexpr double h = 0.1;
+    double const nothing = std::numeric_limits<double>::quiet_NaN();
+    // of two particles in row 1 and 0; velocities become 0, and gradients are found
+    double offset[2]{0.4, -0.2}, to_offset[2][2]{}, values[2]{1, 2}, to_values[columns][2]{};
+    std::uint32_t id[2]{1, 0}, to_id[2]{};
+    double way[2]{0.03, 0.02}, gradient[2]{7, 8}, modulus[2]{3, 4}, found[2]{};
+    Coordinates<2> cells[2];
+    TableView<double const, 2, Set> from{{offset, offset}, {}, id};
+    TableView<double, 2, Set> to{{to_offset[0], to_offset[1]}, {}, to_id};
+    detail::NewValues<double, columns> becomes;
+    using Is = decltype(becomes)::Is;
+    for (int c = 0; c < columns; ++c) {
+        from.component[std::size_t(c)] = values;
+        to.component[std::size_t(c)] = to_values[c];
+        becomes.is[std::size_t(c)] = c < 2 ? Is::nothing : c == 2 ? Is::found : Is::kept;
+        becomes.by_row[std::size_t(c)] = gradient;
+    }
+    detail::DisplaceParticle<double, 2, Set> const displace{from, to,  becomes, {way, way}, modulus,
+                                                            h,    100, cells,   found};
+    auto const tells = [&] { // of the first particle, which lies last in the order of cells
+        displace(0, {5, -5}, 1);
+        return found[1];
+    };
+    CHECK(tells() == 4);
+    CHECK((cells[1] == Coordinates<2>{6, -4})); // 0.4 + 0.2 cells
+    CHECK(to_offset[0][1] == Approx(-0.4));
+    CHECK(to_id[1] == 1);
+    CHECK(to_values[0][1] == 0);
+    CHECK(to_values[2][1] == 8);
+    CHECK(to_values[3][1] == 1);
+    modulus[1] = nothing;
+    CHECK(tells() == std::numeric_limits<double>::infinity());
+    way[1] = 95.6 * h;
+    CHECK(tells() < 0);
+    way[1] = nothing;
+    CHECK(tells() < 0);
+    way[1] = 0;
+    CHECK(tells() > 0);
+    gradient[1] = nothing;
+    CHECK(tells() < 0);
+}
+
 TEST_CASE("implicit steps have the same bits in every run, and on any number of threads")
 {
     auto const run = [](auto const& backend) {
