@@ -89,7 +89,6 @@ struct DisplaceParticle
             to.offset[std::size_t(a)][slot] = moved.offset;
             fits = fits && is_near;
         }
-        FIRN_UNROLL
         for (int c = 0; c < Set::components(d); ++c) {
             Number const value = values.of(c, row, from.component[std::size_t(c)][place]);
             to.component[std::size_t(c)][slot] = value;
@@ -111,7 +110,6 @@ struct PutNewValues
 
     FIRN_HOST_DEVICE void operator()(std::size_t row) const
     {
-        FIRN_UNROLL
         for (int c = 0; c < components; ++c) {
             Number& value = to[std::size_t(c)][row];
             value = values.of(c, static_cast<std::uint32_t>(row), value);
