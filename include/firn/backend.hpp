@@ -258,6 +258,7 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //   first(), offset()                      the coordinates of one, and the ways from it to the lanes' own
 //   sums_at(first, along, which, sums)     the sums of the nodes `along` the last axis from `first`, in the
 //                                          lanes of `which`; zeros where there is no node
+//   index()                                where a node `has_index`: its number in nodes_by_index()
 //
 // For a phase that `tells_layers_apart`, on a grid whose layers have their own values, in place of these:
 //
