@@ -528,7 +528,7 @@ TEST_CASE("what settle displaces lies in the order of cells, and tells where no 
     Coordinates<2> cells[2];
     TableView<double const, 2, Set> from{{offset, offset}, {}, id};
     TableView<double, 2, Set> to{{to_offset[0], to_offset[1]}, {}, to_id};
-    detail::NewValues<double, columns> becomes;
+    firn::detail::NewValues<double, columns> becomes;
     using Is = decltype(becomes)::Is;
     for (int c = 0; c < columns; ++c) {
         from.component[std::size_t(c)] = values;
@@ -536,8 +536,8 @@ TEST_CASE("what settle displaces lies in the order of cells, and tells where no 
         becomes.is[std::size_t(c)] = c < 2 ? Is::nothing : c == 2 ? Is::found : Is::kept;
         becomes.by_row[std::size_t(c)] = gradient;
     }
-    detail::DisplaceParticle<double, 2, Set> const displace{from, to,  becomes, {way, way}, modulus,
-                                                            h,    100, cells,   found};
+    firn::detail::DisplaceParticle<double, 2, Set> const displace{from, to,  becomes, {way, way}, modulus,
+                                                                  h,    100, cells,   found};
     auto const tells = [&] { // of the first particle, which lies last in the order of cells
         displace(0, {5, -5}, 1);
         return found[1];
