@@ -192,9 +192,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // A backend that queues joins loops, for scenes so small that launching one takes longer than its work:
 //
 //   for_each_node(orders, grid, phase, body)   the same, and then as call_with()
-//   for_each_in_turn(handle, body, loops...)   the bodies of each `LoopInTurn<Body>{count, body}`, loop by
-//   loop,
-//                                              and then as call_with(); or the loops alone
+//   for_each_in_turn(handle, body, loops...)   each `LoopInTurn<Body>{count, body}` after the one before, and
+//                                              then as call_with(); or the loops alone
 //   for_each_place(order, visit)               passes the item's slot, too, to a visit that takes three
 //
 // A loop over cells calls `phase.prepare(items)` if the phase does not gather. Else it calls `begin(items)`,

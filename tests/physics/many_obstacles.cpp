@@ -161,6 +161,26 @@ TEST_CASE("slopes of a list meet the nodes that they meet by themselves, whereve
     }
 }
 
+TEST_CASE("a slope of a list holds what lies far from the origin")
+{
+    Eigen::Vector3d const far(30000001.35, -20000002.85,
+                              0); // 6e8 cells, beyond what single precision tells apart
+    for (double angle = 0.02; angle < 2 * M_PI; angle += 0.1) {
+        Eigen::Vector3d const normal(std::cos(angle), std::sin(angle), 0);
+        Obstacle<HalfSpace> const slope{
+            .shape = {normal}, .motion = {.position = far + Eigen::Vector3d(0.15, 0.15, 0) - 0.25 * normal}};
+        auto const impulse = [&](auto const& obstacle) {
+            InPlane solver(lattice(h));
+            solver.add(box_of_points<2>(far.head<2>(), far.head<2>() + Eigen::Vector2d::Constant(0.3), h),
+                       0.25 * h * h, -normal.head<2>());
+            return solver.advance(0.1, obstacle).reactions[0].impulse;
+        };
+        Eigen::Vector3d const expected = impulse(slope), found = impulse(Obstacles<HalfSpace>{{slope}});
+        CHECK(expected.norm() > 10); // of 90 kg m/s
+        CHECK((found - expected).norm() <= 1e-6 * expected.norm());
+    }
+}
+
 using OnParticles = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
                                  More<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>>>;
 

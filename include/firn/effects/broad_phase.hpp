@@ -28,8 +28,8 @@ struct SweptBox
     float reach = 0; ///< how far from its reference point it acts [m]; 0: it is unbounded
     /// One that is unbounded meets no cell whose coordinates have a product with `outward` of more than
     /// `furthest`.
-    std::array<float, std::size_t(d)> outward{};
-    float furthest = 0;
+    std::array<double, std::size_t(d)> outward{}; // floats would be cells off, far from the origin
+    double furthest = 0;
 
     /// The box of an obstacle that nothing is to meet.
     static SweptBox nowhere()
@@ -57,9 +57,9 @@ struct ListedObstacle
 {
     std::array<int, std::size_t(d)> low{}, high{}; ///< its box, if it is bounded
     std::uint32_t number = 0;
-    float reach = 0;                             ///< from its reference point [m]; 0: it is unbounded
-    std::array<float, std::size_t(d)> outward{}; ///< of one that is unbounded: see SweptBox
-    float furthest = 0;
+    float reach = 0;                              ///< from its reference point [m]; 0: it is unbounded
+    std::array<double, std::size_t(d)> outward{}; ///< of one that is unbounded: see SweptBox
+    double furthest = 0;
 
     FIRN_HOST_DEVICE bool may_meet(Coordinates<d> const& cell) const
     {
@@ -72,8 +72,8 @@ struct ListedObstacle
     /// Whether a cell lies beyond the side of one that is unbounded.
     FIRN_HOST_DEVICE bool is_beyond(Coordinates<d> const& cell) const
     {
-        float along = 0;
-        for (int a = 0; a < d; ++a) along += outward[std::size_t(a)] * static_cast<float>(cell[a]);
+        double along = 0;
+        for (int a = 0; a < d; ++a) along += outward[std::size_t(a)] * cell[a];
         return along > furthest;
     }
 };

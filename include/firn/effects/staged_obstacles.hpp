@@ -336,16 +336,16 @@ private:
             return;
         Eigen::Vector3d const normal = motion.rotation() * side, from = motion.at(begin).position,
                               to = motion.at(end).position;
-        double at_begin = 0, at_end = 0, more = 1; // a cell more than lanes need, since floats are rounded
+        double at_begin = 0, at_end = 0, more = 1; // a cell more than lanes need, since all is rounded
         for (int a = 0; a < d; ++a) {
             int const along = a == d - 1 ? 1 : 0;
             at_begin += normal[a] * (from[a] - lattice.origin[a]) / lattice.cell_size;
             at_end += normal[a] * (to[a] - lattice.origin[a]) / lattice.cell_size;
             more += std::abs(normal[a]) * (std::max(room.before, room.behind) +
                                            along * std::max(room.before_along, room.behind_along));
-            box.outward[std::size_t(a)] = static_cast<float>(normal[a]);
+            box.outward[std::size_t(a)] = normal[a];
         }
-        box.furthest = static_cast<float>(std::max(at_begin, at_end) + more);
+        box.furthest = std::max(at_begin, at_end) + more;
     }
 
     /// Along periodic axes images may be wherever there are cells, the first ones some before the origin.

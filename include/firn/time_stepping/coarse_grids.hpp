@@ -133,15 +133,16 @@ public:
                 weights_.data() + levels_[l].offset, diagonals_.data() + levels_[l].offset,
                 stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells), at_rest};
         };
-        if constexpr (Backend::queues) [&]<std::size_t... l>(std::index_sequence<l...>)
+        if constexpr (Backend::queues) {
+            auto const queue = [&]<std::size_t... l>(std::index_sequence<l...>)
             {
                 backend_.for_each_in_turn(
                     in_turn(lines, weigh_lines), in_turn(near, add_lines(weights_.data())),
                     in_turn(size(l + 1), weigh(l + 1))..., in_turn(size(l), invert(l))...);
-            }
-        (std::make_index_sequence<most_levels>{});
-        else
-        {
+            };
+            queue(std::make_index_sequence<most_levels>{});
+        }
+        else {
             backend_.for_each(lines, weigh_lines);
             on_first(weights_, near_weights_,
                      [&](CoarseWeights<double, d>* to) { backend_.for_each(near, add_lines(to)); });
@@ -229,7 +230,7 @@ private:
     /// The links of a part of a sum: a compromise between how many sums there are and how long one takes.
     static constexpr std::size_t links_of_part = 32;
 
-    static constexpr std::size_t most_levels = 8;
+    static constexpr std::size_t most_levels = 8; ///< of a ladder
 
     using LinksOfNode = std::vector<NodeWeight<double>>;
 

@@ -20,7 +20,8 @@
 namespace firn
 {
 
-/// A number that nobody looks at while loops are at work: where these have finished when a call returns.
+/// In place of a number at which the host looks: where loops have finished when a call returns, there is
+/// none.
 struct NotWatched
 {
     explicit NotWatched(auto const&) {}
