@@ -9,6 +9,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/rigid_body.hpp>
+#include <firn/phases/find_candidates.hpp>
 #include <firn/phases/points_of_nodes.hpp>
 
 #include <algorithm>
@@ -30,6 +31,47 @@ using Water = Scene<Fluid<Plane>, QuadraticBSpline, Mls>;
 using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>;
 
 using StillWater = Tank<Fluid<Plane>>;
+
+/// What FindCandidates asks of a list of obstacles that has one, a solid below y = 0.
+struct FloorOfList
+{
+    static constexpr bool is_group = true, acts_at_surface = true;
+
+    struct Floor
+    {
+        Contact contact = Contact::slip();
+
+        template <class Real>
+        FIRN_HOST_DEVICE SurfaceAt<Real, 2> surface_at(LanePosition<Real, 2> const& place,
+                                                       Vector<Real, 2> const& shift) const
+        {
+            return {shift, place.relative_to({0, 0, 0})[1] + shift[1], {0, 1}};
+        }
+        FIRN_HOST_DEVICE bool is_thin(Lattice const&) const { return false; }
+    } floor;
+    struct
+    {
+        std::uint32_t obstacles = 1;
+    } sums;
+
+    template <class Real, class Use>
+    FIRN_HOST_DEVICE void for_each_within(LanePosition<Real, 2> const&, Real, Use const& use) const
+    {
+        use(0u, floor);
+    }
+};
+
+/// A node with a mass [kg].
+struct NodeWithMass
+{
+    using Real = double;
+    double mass;
+    Coordinates<2> at;
+
+    FIRN_HOST_DEVICE double sum(int) const { return mass; }
+    FIRN_HOST_DEVICE Coordinates<2> first() const { return at; }
+    FIRN_HOST_DEVICE Vector<double, 2> offset() const { return {0, 0}; }
+};
 
 } // namespace
 
@@ -293,6 +335,38 @@ TEST_CASE("momentum is kept where particles have hardly any weight at nodes that
     CHECK(worst < 1e-10);
 }
 
+TEST_CASE("candidates for points that are found ahead of material lie at the surface, and are not seen",
+          "[physics][surface]")
+{
+    using Find = FindCandidates<Plane, QuadraticBSpline, Mls, Chain<FloorOfList>>;
+    StepContext<double, Chain<FloorOfList>> const now{};
+    auto const found = [&](bool finds_ahead) {
+        std::vector<SurfaceCandidate<2>> candidates(100);
+        std::vector<std::uint32_t> seen(100, 7);
+        std::uint32_t const step = 7;
+        std::uint32_t count = 0;
+        SurfacePoints<double, 2> of{};
+        of.new_candidates = &count, of.candidates = candidates.data(), of.seen = seen.data();
+        of.candidates_room = 100, of.step = step;
+        for (int x = 0; x < 4; ++x) // two columns of nodes with mass and two without
+            for (int y = -4; y <= 4; ++y) {
+                NodeWithMass node{x < 2 ? 1. : 0., {x, y}};
+                NothingFound nothing;
+                Find{&now, lattice(1), 0, of, finds_ahead}(node, nothing);
+            }
+        int places[4]{}; // with mass and seen, with mass, without mass and seen, without mass
+        for (std::uint32_t i = 0; i < count; ++i) {
+            bool const has_mass = candidates[i].node[0] < 2;
+            ++places[(has_mass ? 0 : 2) + (seen[i] == step ? 0 : 1)];
+            int const y = candidates[i].node[1];
+            CHECK((has_mass ? y == 0 || y <= -2 : y == 0 || y == -2)); // at the surface, or deep inside
+        }
+        return std::vector<int>(places, places + 4);
+    };
+    CHECK(found(false) == std::vector{8, 0, 0, 0});
+    CHECK(found(true) == std::vector{8, 0, 0, 4});
+}
+
 TEST_CASE("the points of a node have one order, whatever their numbers and however they were listed",
           "[physics][surface]")
 {
@@ -324,6 +398,7 @@ TEST_CASE("the points of a node have one order, whatever their numbers and howev
         }
         NodeAtSurface<double, 2> node{};
         node.points = {1, static_cast<std::uint32_t>(kinds.size())};
+        node.has_new_points = true;
         std::uint32_t nodes = 1, changes = 1;
         SurfacePoints<double, 2> of{};
         of.points = points.data(), of.points_of_nodes = list.data(), of.ranks = ranks.data();

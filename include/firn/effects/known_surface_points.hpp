@@ -42,8 +42,8 @@ struct SurfacePoint
 
     /// The same to the mean place of the nodes that take the impulse [m].
     Vector<Number, d> arm_of_impulse;
-    Number per_light;          ///< the inverse of the mass below which a node is light
-    Number support;            ///< the sum of the weights of nodes with mass
+    Number per_light; ///< the inverse of the mass below which a node is light; 0 where it acts on none
+    Number support;   ///< the sum of the weights of nodes with mass
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
 
     /// Whether this is that point, in another step or another list.

@@ -113,12 +113,17 @@ public:
     /// while obstacles are at rest, and nodes keep their indices and candidates their numbers.
     void note_candidates_of(std::size_t nodes, std::uint64_t numbering)
     {
+        finds_ahead_ = false;
         if (!are_at_rest_) return;
         if (noted_ == std::pair(numbering, numbered_) && of_nodes_.size() >= nodes) return;
         if (of_nodes_.size() < nodes) of_nodes_.resize(nodes + nodes / 4);
         of_nodes_.fill(0, of_nodes_.size(), {});
         noted_ = {numbering, numbered_};
+        finds_ahead_ = true;
     }
+    /// Whether nodes without mass are candidates in this step, see FindCandidates: once, when a grid has
+    /// other nodes than before.
+    bool finds_ahead() const { return finds_ahead_; }
     /// Before points are looked for: none is counted.
     void begin()
     {
@@ -181,7 +186,8 @@ public:
         std::uint32_t const points = first_new_ + found.points;
         if (first_new_ == 0) most_known_ = points + points / 4 + 64;
         known_candidates_ += found.candidates;
-        quiet_ = found.candidates + found.points > 0 ? 0 : quiet_ + 1;
+        // points at rest are known ahead of material; others often follow new ones
+        quiet_ = found.candidates + found.points > 0 ? std::uint32_t(are_at_rest_) : quiet_ + 1;
         if (found.candidates == 0) return points;
         std::size_t const size = std::bit_ceil(2 * std::size_t(known_candidates_) + 1);
         if (entered_ == 0 || candidate_table_size_ < size) {
@@ -399,7 +405,7 @@ private:
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
     std::uint32_t quiet_ = 0;                      ///< steps since one with new points
     std::uint32_t step_before_ = 0;                ///< the one before the batch
-    bool have_nodes_ = false, counts_are_zero_ = false;
+    bool have_nodes_ = false, counts_are_zero_ = false, finds_ahead_ = false;
     std::size_t reached_before_ = 0, most_reached_ = 0;
     std::uint64_t numbering_ = 0;
     Number dt_ = 1; ///< its length [s]

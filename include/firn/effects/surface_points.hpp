@@ -98,6 +98,7 @@ struct NodeAtSurface
     std::uint32_t node; ///< 1 + its index, or 0 if the grid does not have it any more
     PointsOfNode points;
     Number inverse_mass; ///< 0 if its mass is too small for a velocity
+    bool has_new_points; ///< in this step, so that they are to be put in order
 };
 
 /// What lanes of places are to an obstacle.

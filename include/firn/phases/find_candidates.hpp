@@ -60,27 +60,31 @@ struct FindCandidates
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
-    static constexpr bool looks_around = false, keeps_values = true, says_which_concern = true;
+    static constexpr bool looks_around = false, keeps_values = true, says_which_concern = true,
+                          takes_zero_sums = true; // where it finds ahead
     using Result = NothingFound;
 
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass; ///< see UpdateGrid
     SurfacePoints<Number, d> found;
+    /// Nodes that have no mass as yet are candidates, too, so that their points are known before material
+    /// comes: else a device would wait for the host in each step in which it comes to another node.
+    bool finds_ahead;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
     {
         using Real = typename Node::Real;
         Mask<Real> const filled = node.sum(Sums::mass) > Real(smallest_mass);
-        if (!any(filled)) return;
+        if (!any(filled) && !finds_ahead) return;
         if constexpr (HasIndex<Node>) {
             if (found.of_nodes != nullptr) {
                 CandidatesOfNode& of_node = found.of_nodes[node.index()];
                 CandidatesOfNode const noted = of_node;
                 if (noted.noted[0] == not_noted)
                     of_node = find(node, filled);
-                else
+                else if (any(filled))
                     for (std::uint32_t const one : noted.noted)
                         if (one != no_candidate) found.seen[one - first_candidate] = found.step;
                 return;
@@ -101,6 +105,7 @@ struct FindCandidates
 private:
     /// See CandidatesOfNode.
     static constexpr std::uint32_t not_noted = 0, no_candidate = 1, first_candidate = 2;
+    static constexpr std::uint32_t never = 0; ///< no step has this number
 
     /// Finds the candidates that nodes are. Returns what is to be noted of a single node.
     template <class Node, class Filled>
@@ -115,12 +120,13 @@ private:
         };
         for_each_near(place, [&](std::uint32_t i, auto const& obstacle) {
             auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
-            auto const which =
-                filled &
-                ((-at.distance > deep_from<Real>(obstacle, place, at.normal)) |
-                 (abs(at.distance) * largest_component<Real, d>(at.normal) <= in_cells(nearly_half_a_cell)));
+            auto const is_deep = -at.distance > deep_from<Real>(obstacle, place, at.normal),
+                       is_near = abs(at.distance) * largest_component<Real, d>(at.normal) <=
+                                 in_cells(nearly_half_a_cell);
+            auto which = filled & (is_deep | is_near);
+            if (finds_ahead) which = which | is_near | (is_deep & (-at.distance <= in_cells(reached_ahead)));
             if (!any(which)) return;
-            std::uint32_t const number = add<Real>(place, i, which);
+            std::uint32_t const number = add<Real>(place, i, which, filled);
             // those that are new get their numbers for good when the step has been taken
             is_noted = is_noted && number != KnownCandidates<d>::absent && of_node.noted[1] == no_candidate;
             of_node.noted[of_node.noted[0] == no_candidate ? 0 : 1] = first_candidate + number;
@@ -146,6 +152,7 @@ public:
         return across * in_cells(place.kernel_reach) + in_cells(0.1);
     }
     static constexpr double nearly_half_a_cell = 0.52;
+    static constexpr double reached_ahead = 2; ///< nodes so deep [cells] may get mass from material outside
 
 private:
     template <class Real>
@@ -166,15 +173,17 @@ private:
         });
     }
 
-    /// Adds nodes as candidates. Returns the number of the last one if it was known before.
+    /// Adds nodes as candidates; those that are `filled` are seen. Returns the number of the last one if it
+    /// was known before.
     template <class Real>
     FIRN_HOST_DEVICE std::uint32_t add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
-                                       Mask<Real> const& which) const
+                                       Mask<Real> const& which, Mask<Real> const& filled) const
     {
         std::uint32_t last = KnownCandidates<d>::absent;
         constexpr int width = lane_width<Real>;
         Number along[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
+        std::uint64_t const seen = bits(filled);
         for_each_lane<width>(bits(which), [&](int lane) {
             SurfaceCandidate<d> candidate;
             for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
@@ -184,8 +193,9 @@ private:
                 number = found.known.count + next_number_of_all(*found.new_candidates);
                 if (number >= found.candidates_room) return; // the host makes room, and looks again
                 found.candidates[number] = candidate;
+                found.seen[number] = never;
             }
-            found.seen[number] = found.step;
+            if ((seen >> lane & 1) != 0) found.seen[number] = found.step;
         });
         return last;
     }
@@ -195,14 +205,17 @@ private:
 template <class Update, class Find>
 struct FindAndUpdate : Update
 {
+    static constexpr bool takes_zero_sums = Find::takes_zero_sums;
+
     Find find;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, typename Update::Result& reactions) const
     {
+        bool const has_mass = node.sum(Find::Sums::mass) > 0;
         typename Find::Result nothing;
-        find(node, nothing);
-        Update::operator()(node, reactions);
+        if (has_mass || find.finds_ahead) find(node, nothing);
+        if (has_mass) Update::operator()(node, reactions);
     }
 };
 template <class Update, class Find>

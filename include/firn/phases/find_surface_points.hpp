@@ -37,7 +37,7 @@ struct FindSurfacePoints
     {
         std::size_t const first = found.kept.mask != 0 ? 0 : found.known.count, number = first + c;
         if (number >= found.known.count + *found.new_candidates || number >= found.candidates_room ||
-            found.seen[number] != found.step)
+            (number < found.known.count && found.seen[number] != found.step))
             return;
         SurfaceCandidate<d> const candidate = found.candidates[number];
         LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
@@ -391,6 +391,7 @@ private:
         point.behind = behind;
         point.is_deep = is_deep;
         point.is_plain = false;
+        point.per_light = 1; // until it begins: it is to be listed
         point.is_whole = true;
         Contact contact = obstacle.contact;
         if (is_deep && !contact.sticks) // nothing slides there

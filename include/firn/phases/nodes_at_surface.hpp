@@ -59,7 +59,9 @@ struct BeginNodes
         bool const is_there = node.node != 0;
         std::uint32_t const index = is_there ? node.node - 1 : 0;
         if (may_change && *of.changes > 0) {
-            if (is_there) node.points.count = of.indices[index].count;
+            std::uint32_t const count = is_there ? of.indices[index].count : node.points.count;
+            node.has_new_points = count != node.points.count;
+            node.points.count = count;
             node.points.begin = next_number_of_all(*of.listed, node.points.count);
         }
         Number const sum = is_there ? by_index.sum(index, mass) : Number(0);

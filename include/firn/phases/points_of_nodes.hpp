@@ -60,7 +60,8 @@ struct SortPoints : PointLoop<Kernel, Number, d>
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         auto const& surface = this->of;
-        if (i >= *surface.reached_nodes || *surface.changes == 0) return;
+        if (i >= *surface.reached_nodes || *surface.changes == 0 || !surface.reached[i].has_new_points)
+            return;
         PointsOfNode const points = surface.reached[i].points;
         PointOfNode<Number>* const list = surface.points_of_nodes + points.begin;
         for (std::uint32_t n = 1; n < points.count; ++n) {

@@ -195,6 +195,7 @@ private:
             surface.indices[index[k]].number = number;
             NodeAtSurface<Number, d>& reached = surface.reached[number];
             reached.node = index[k] + 1;
+            reached.points.count = 0;
             reached.place = node;
             reached.place[d - 1] += k - Cell::width;
         }
@@ -254,10 +255,11 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
                             : zeros<Vector<Number, d>>();
         surface.tried[p].set(point.impulse);
         surface.tried[p].set_number(Number(1));
+        bool const was_plain = point.is_plain, acted = point.per_light > 0;
         point.per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
-        bool const was_plain = point.is_plain;
         point.is_plain = least * point.per_light >= 1;
-        bool const is_listed = !have_changed && !may_move && was_plain && point.is_plain;
+        bool const is_as_before = point.per_light > 0 ? was_plain && point.is_plain : !acted,
+                   is_listed = !have_changed && !may_move && is_as_before;
         surface.to_list[p] = is_listed ? 0 : 1;
     }
 

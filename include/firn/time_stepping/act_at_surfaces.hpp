@@ -68,7 +68,7 @@ auto candidates_phase(StepMemory<Backend, Sets, Transfer> const& memory,
     auto& surface = surface_memory(scene);
     surface.begin();
     return FindCandidates<typename Sets::Space, Kernel, Transfer, Actions>{
-        now, memory.lattice, scene.smallest_node_mass, surface.view()};
+        now, memory.lattice, scene.smallest_node_mass, surface.view(), surface.finds_ahead()};
 }
 
 /// Queues a loop that looks at the candidates that have been found.

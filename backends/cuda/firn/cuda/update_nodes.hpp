@@ -302,7 +302,7 @@ __global__ void __launch_bounds__(block_threads)
     else if constexpr (GridType::ungathered > 0)
         update_in_place<GridType>(phase, grid, blocks, n, i, here, node, result);
     else {
-        bool any = false, alone = false;
+        bool any = TakesZeroSums<Phase>, alone = false;
         typename GridType::Sums sums{};
         if (concerns(phase, node)) sums = sum_of_tiles<GridType, d>(grid, n, here, any);
         typename GridType::Values& values = grid.node_values[i];
