@@ -65,9 +65,12 @@ struct FloorOfList
 struct NodeWithMass
 {
     using Real = double;
+    static constexpr bool has_index = true;
+    std::size_t number;
     double mass;
     Coordinates<2> at;
 
+    FIRN_HOST_DEVICE std::size_t index() const { return number; }
     FIRN_HOST_DEVICE double sum(int) const { return mass; }
     FIRN_HOST_DEVICE Coordinates<2> first() const { return at; }
     FIRN_HOST_DEVICE Vector<double, 2> offset() const { return {0, 0}; }
@@ -335,36 +338,59 @@ TEST_CASE("momentum is kept where particles have hardly any weight at nodes that
     CHECK(worst < 1e-10);
 }
 
-TEST_CASE("candidates for points that are found ahead of material lie at the surface, and are not seen",
+TEST_CASE("points are found ahead of material where it may come, and elsewhere when it has come",
           "[physics][surface]")
 {
-    using Find = FindCandidates<Plane, QuadraticBSpline, Mls, Chain<FloorOfList>>;
-    StepContext<double, Chain<FloorOfList>> const now{};
-    auto const found = [&](bool finds_ahead) {
+    /// Candidates among nodes at heights of -6 to 2 cells: in one column of them that has mass from the
+    /// first step on, and in one that gets it in the second.
+    auto const heights = []<class Kernel>(Kernel, Contact const& contact, bool finds_ahead) {
+        StepContext<double, Chain<FloorOfList>> now{};
+        now.actions.first.floor.contact = contact;
         std::vector<SurfaceCandidate<2>> candidates(100);
-        std::vector<std::uint32_t> seen(100, 7);
-        std::uint32_t const step = 7;
+        std::vector<std::uint32_t> seen(100), table(256);
+        std::vector<CandidatesOfNode> noted(18);
         std::uint32_t count = 0;
         SurfacePoints<double, 2> of{};
-        of.new_candidates = &count, of.candidates = candidates.data(), of.seen = seen.data();
-        of.candidates_room = 100, of.step = step;
-        for (int x = 0; x < 4; ++x) // two columns of nodes with mass and two without
-            for (int y = -4; y <= 4; ++y) {
-                NodeWithMass node{x < 2 ? 1. : 0., {x, y}};
+        of.candidates = candidates.data(), of.seen = seen.data(), of.candidates_room = 100;
+        of.of_nodes = finds_ahead ? noted.data() : nullptr;
+        std::vector<std::vector<int>> found; // by step: seen, and not seen
+        for (std::uint32_t step = 1; step <= 2; ++step) {
+            of.known = {candidates.data(), table.data(), step > 1 ? 255u : 0, of.known.count + count};
+            for (std::uint32_t i = 0; step > 1 && i < count; ++i)
+                KnownCandidates<2>{candidates.data(), table.data(), 255, 0}(i);
+            count = 0, of.new_candidates = &count, of.step = step;
+            for (std::size_t i = 0; i < 18; ++i) {
+                double const mass = i < 9 || step > 1 ? 1 : 0;
+                NodeWithMass node{i, mass, {int(i / 9), int(i % 9) - 6}};
                 NothingFound nothing;
-                Find{&now, lattice(1), 0, of, finds_ahead}(node, nothing);
+                FindCandidates<Plane, Kernel, Mls, Chain<FloorOfList>>{
+                    &now, lattice(1), 0, of, finds_ahead && step == 1}(node, nothing);
             }
-        int places[4]{}; // with mass and seen, with mass, without mass and seen, without mass
-        for (std::uint32_t i = 0; i < count; ++i) {
-            bool const has_mass = candidates[i].node[0] < 2;
-            ++places[(has_mass ? 0 : 2) + (seen[i] == step ? 0 : 1)];
-            int const y = candidates[i].node[1];
-            CHECK((has_mass ? y == 0 || y <= -2 : y == 0 || y == -2)); // at the surface, or deep inside
+            found.emplace_back(), found.emplace_back();
+            for (std::uint32_t i = 0; i < of.known.count + count; ++i)
+                if (candidates[i].node[0] == 1)
+                    found[found.size() - (seen[i] == step ? 2 : 1)].push_back(candidates[i].node[1]);
         }
-        return std::vector<int>(places, places + 4);
+        for (auto& some : found) std::sort(some.begin(), some.end());
+        return found;
     };
-    CHECK(found(false) == std::vector{8, 0, 0, 0});
-    CHECK(found(true) == std::vector{8, 0, 0, 4});
+    using Found = std::vector<std::vector<int>>;
+    std::vector<int> const none, surface{0};
+    auto const quadratic = [&](Contact const& contact, bool finds_ahead) {
+        return heights(QuadraticBSpline{}, contact, finds_ahead);
+    };
+    auto const cubic = [&](Contact const& contact, bool finds_ahead) {
+        return heights(CubicBSpline{}, contact, finds_ahead);
+    };
+    std::vector<int> const held{-6, -5, -4, -3, -2, 0}, stuck{-6, -5, -4, -3, -2, -1, 0},
+        held_by_cubic{-6, -5, -4, -3, 0};
+    CHECK(quadratic(Contact::slip(), false) == Found{none, none, held, none});
+    CHECK(quadratic(Contact::slip(), true) == Found{none, surface, held, none});
+    CHECK(cubic(Contact::slip(), true) == Found{none, surface, held_by_cubic, none});
+    // what sticks holds all nodes inside, and kernels reach so deep from outside
+    CHECK(quadratic(Contact::sticky(), false) == Found{none, none, stuck, none});
+    CHECK(quadratic(Contact::sticky(), true) == Found{none, {-1, 0}, stuck, none});
+    CHECK(cubic(Contact::sticky(), true) == Found{none, {-2, -1, 0}, stuck, none});
 }
 
 TEST_CASE("the points of a node have one order, whatever their numbers and however they were listed",

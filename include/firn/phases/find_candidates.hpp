@@ -124,7 +124,11 @@ private:
                        is_near = abs(at.distance) * largest_component<Real, d>(at.normal) <=
                                  in_cells(nearly_half_a_cell);
             auto which = filled & (is_deep | is_near);
-            if (finds_ahead) which = which | is_near | (is_deep & (-at.distance <= in_cells(reached_ahead)));
+            if (finds_ahead) {
+                auto const may_fill = -at.distance <= depth_of_reach<Real>(place, at.normal);
+                which = which | is_near | (is_deep & may_fill);
+                is_noted = is_noted && !any(is_deep & !which); // what comes there is inside, which is rare
+            }
             if (!any(which)) return;
             std::uint32_t const number = add<Real>(place, i, which, filled);
             // those that are new get their numbers for good when the step has been taken
@@ -142,17 +146,22 @@ public:
     FIRN_HOST_DEVICE static Real deep_from(auto const& obstacle, LanePosition<Real, d> const& place,
                                            Vector<Real, d> const& normal)
     {
+        if (obstacle.is_thin(place.lattice)) return Real(static_cast<Number>(1e9 * place.lattice.cell_size));
+        return obstacle.contact.sticks ? Real(0) : depth_of_reach<Real>(place, normal);
+    }
+    /// How deep inside nodes are [m] that particles reach which lie outside, or inside by a tenth of a cell.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static Real depth_of_reach(LanePosition<Real, d> const& place,
+                                                Vector<Real, d> const& normal)
+    {
         auto const in_cells = [&](double cells) {
             return Real(static_cast<Number>(cells * place.lattice.cell_size));
         };
-        if (obstacle.is_thin(place.lattice)) return in_cells(1e9);
-        if (obstacle.contact.sticks) return Real(0);
         Real across(0);
         for (int a = 0; a < d; ++a) across += abs(normal[a]);
         return across * in_cells(place.kernel_reach) + in_cells(0.1);
     }
     static constexpr double nearly_half_a_cell = 0.52;
-    static constexpr double reached_ahead = 2; ///< nodes so deep [cells] may get mass from material outside
 
 private:
     template <class Real>
