@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 // What it gives that a fluid keeps its volume, and what it costs: see KeepsVolume.
 //     liquids [seconds] [rounds]
-// Prints, in the plane, the level and the speed of still water in a tank that is tilted against the cells,
-// over so many seconds (10); then of water that is shaken by half of gravity for five seconds and left alone
-// for as long. The level is the mean height over the right one less what the water's kinetic energy could
-// raise it by. Then, in space, medians of milliseconds per step by turns (9 rounds).
+// Prints, in the plane, the level and the speed of still water over so many seconds (10), in a tank whose
+// walls lie on nodes, half a cell off, or tilted against the cells; then of water that is shaken by half of
+// gravity for five seconds and left alone for as long. The level is the mean height over the right one less
+// what the water's kinetic energy could raise it by. Then, in space, medians of milliseconds per step by
+// turns (9 rounds).
 #include "block.hpp"
 #include "tank.hpp"
 #include "timing.hpp"
@@ -28,9 +29,15 @@ namespace
 template <class Model, class Kernel, class Transfer>
 void still(char const* name, double seconds)
 {
-    for (double const degrees : {17.0, 30.0}) {
-        bench::Tank<Model, Kernel, Transfer> tank({.degrees = degrees});
-        std::printf("still  %-24s %2.0f degrees", name, degrees);
+    struct Place
+    {
+        double degrees;
+        Eigen::Vector2d offset = bench::TankSetting{}.offset; ///< [cells]
+    };
+    for (auto const& [degrees, offset] :
+         {Place{0, {0, 0}}, Place{0, {0.5, 0.5}}, Place{.degrees = 17}, Place{.degrees = 30}}) {
+        bench::Tank<Model, Kernel, Transfer> tank({.degrees = degrees, .offset = offset});
+        std::printf("still  %-24s %2.0f degrees, %.2f cells off", name, degrees, offset.x());
         for (int i = 1; i <= 4; ++i) {
             tank.advance(seconds / 4);
             std::printf("%s %4.1f s: level %+.2f %%, %.4f m/s", i > 1 ? "," : ":", i * seconds / 4,
@@ -106,6 +113,8 @@ int main(int argc, char** argv)
         sloshed<KeepsVolume<Water>, QuadraticBSpline, Apic>("kept, quadratic APIC", seconds);
         sloshed<KeepsVolume<Water>, QuadraticBSpline, Flip>("kept, quadratic FLIP", seconds);
         sloshed<KeepsVolume<Water>, CubicBSpline, Mls>("kept, cubic MLS", seconds);
+        sloshed<KeepsVolume<Water>, CubicBSpline, Apic>("kept, cubic APIC", seconds);
+        sloshed<KeepsVolume<Water>, CubicBSpline, Flip>("kept, cubic FLIP", seconds);
     }
     if (rounds > 0) cost(rounds);
 }
